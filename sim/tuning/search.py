@@ -33,11 +33,13 @@ if TYPE_CHECKING:
 
 STUDY, CLAIMS, PROCESSES = "study.db", ".claims", ".processes"
 """Names in the folder of a search: the storage, the lock under which trials are taken, and locks of the processes at work."""
+WHOLE = "worst tenth"
+"""Attribute of trials that were tried on all cases: the mean of their worst tenth."""
 SAMPLERS = ("tpe", "cmaes")
 P_WORSE, LEAST_CASES = 0.05, 8
 """A trial ends where it is worse than the best one with this p-value, from so many cases on."""
 STARTUP_TRIALS = 12
-"""Trials at random before TPE."""
+"""Trials at random before the sampler begins, the first of which has the default parameters."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +97,7 @@ def open_study(plan: SearchPlan) -> Study:
 
 
 class Search:
-    """The search of this process. `failures` has the errors of failed trials."""
+    """The search of this process."""
 
     def __init__(self, plan: SearchPlan, study: Study) -> None:
         self.plan, self.study = plan, study
@@ -134,7 +136,9 @@ class Search:
         if self._idle:
             return self._idle.pop(0)
         with file_lock(self.plan.folder / CLAIMS, wait=True):
-            return self._claimed()
+            one = self._claimed()
+        # A kill may have come between the last score and the end of a trial.
+        return self._next() if one is not None and one.scores and self._concluded(one) else one
 
     def _claimed(self) -> RunningTrial | None:
         """A trial that nobody works on, or a new one."""
@@ -146,19 +150,21 @@ class Search:
                 self._set_sampler(one.number)
                 # Optuna samples what a trial lacks when it is opened.
                 return self._begun(optuna.trial.Trial(self.study, one._trial_id))
-        waiting = [one.number for one in trials if one.state.name == "WAITING"]
-        if self.plan.trials is not None and len(trials) - len(waiting) >= self.plan.trials:
+        number = next((one.number for one in trials if one.state.name == "WAITING"), len(trials))
+        if self.plan.trials is not None and number >= self.plan.trials:
             return None
-        if not trials and (defaults := self._startable()) is not None:
-            self.study.enqueue_trial(defaults)
-            waiting = [0]
-        self._set_sampler(waiting[0] if waiting else len(trials))
+        if number == len(trials) and number < STARTUP_TRIALS:
+            self.study.enqueue_trial(self._first_values(number))
+        self._set_sampler(number)
         return self._begun(self.study.ask())
 
-    def _startable(self) -> dict[str, Value] | None:
-        """Default parameters, where all are known and within the space."""
-        found = {one.name: self.plan.defaults[one.name] for one in self.plan.space if one.name in self.plan.defaults}
-        return found if len(found) == len(self.plan.space) and all(one.holds(found[one.name]) for one in self.plan.space) else None
+    def _first_values(self, number: int) -> dict[str, Value]:
+        """Parameters of an early trial: of the first one the default ones where all are known and in the space, of others at random."""
+        space, defaults = self.plan.space, self.plan.defaults
+        if number == 0 and all(one.name in defaults and one.holds(defaults[one.name]) for one in space):
+            return {one.name: defaults[one.name] for one in space}
+        rng = np.random.default_rng([self.plan.seed, number, 1])
+        return {one.name: one.draw(rng) for one in space}
 
     def _set_sampler(self, number: int) -> None:
         from optuna.samplers import CmaEsSampler, RandomSampler, TPESampler
@@ -167,7 +173,7 @@ class Search:
         if self.plan.sampler == "cmaes":
             self.study.sampler = CmaEsSampler(seed=seed, independent_sampler=RandomSampler(seed), warn_independent_sampling=False)
         else:
-            self.study.sampler = TPESampler(n_startup_trials=STARTUP_TRIALS, multivariate=True, seed=seed)
+            self.study.sampler = TPESampler(n_startup_trials=1, multivariate=True, seed=seed)
 
     def _begun(self, trial: Trial) -> RunningTrial:
         trial.set_user_attr("owner", self._owner)
@@ -188,15 +194,20 @@ class Search:
         if score == score:
             one.scores[case] = score
             one.trial.report(score, case)
-            if one.next_case < self.plan.cases and one.trial.should_prune():
-                self._end_early(one)
-                return True
+        if self._concluded(one):
+            return True
+        self._idle.append(one)
+        return False
+
+    def _concluded(self, one: RunningTrial) -> bool:
+        """End a trial where it is worse than the best one, or was tried on all cases. Returns whether it has ended."""
         if one.next_case < self.plan.cases:
-            self._idle.append(one)
-            return False
-        if one.scores:
+            if not (one.scores and one.trial.should_prune()):
+                return False
+            self._end_early(one)
+        elif one.scores:
             scores = list(one.scores.values())
-            one.trial.set_user_attr("worst", worst_mean(scores))
+            one.trial.set_user_attr(WHOLE, worst_mean(scores))
             self.study.tell(one.trial, objective_value(self.plan.objective, scores))
         else:
             self._fail(one, "nobody counts in any case")
@@ -206,7 +217,6 @@ class Search:
         best = self.study.best_trial
         common = sorted(set(one.scores) & set(best.intermediate_values))
         less = float(np.mean([one.scores[k] - best.intermediate_values[k] for k in common]))
-        one.trial.set_user_attr("cases", len(one.scores))
         self.study.tell(one.trial, float(best.value or 0.0) + min(less, 0.0))
 
     def _fail(self, one: RunningTrial, error: str) -> None:

@@ -22,6 +22,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from tracker.parameter_file import Value, field_value, read_toml
 from tracker.tracks.parameters import MhtParameters
 
@@ -51,6 +53,16 @@ class SearchRange:
         if self.choices:
             return any(value == one and type(value) is type(one) for one in self.choices)
         return isinstance(value, int | float) and not isinstance(value, bool) and self.low <= value <= self.high
+
+    def draw(self, rng: np.random.Generator) -> Value:
+        """A value at random, uniform on the scale of the range."""
+        if self.choices:
+            return self.choices[int(rng.integers(len(self.choices)))]
+        if self.whole:
+            return int(rng.integers(int(self.low), int(self.high) + 1))
+        if self.log:
+            return float(np.clip(np.exp(rng.uniform(np.log(self.low), np.log(self.high))), self.low, self.high))
+        return float(rng.uniform(self.low, self.high))
 
     def suggest(self, trial: Trial) -> Value:
         """The value of a trial of Optuna."""

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 from sim.parallel.pool import Pool, ended, losses
 from sim.tuning.case_file import VERSION, case_path
 from sim.tuning.held_out import ALL, HeldOut, Workers, held_out_cases, try_held_out
-from sim.tuning.scoring import draw_case, worst_mean
-from sim.tuning.search import CLAIMS, STUDY, Search, SearchPlan, at_work, open_study
+from sim.tuning.scoring import draw_case
+from sim.tuning.search import CLAIMS, STUDY, WHOLE, Search, SearchPlan, at_work, open_study
 from tracker.io.atomic import write_text
 from tracker.io.file_lock import file_lock, folder_lock
 from tracker.io.json_files import json_text, read_json
@@ -117,7 +117,7 @@ def _draw(plan: SearchPlan, numbers: list[int], workers: Workers, progress: Call
 
 def _finished(plan: SearchPlan, study: Study, kinds: Mapping[int, str], workers: Workers, progress: Callable[..., Any]) -> TunedResult:
     trials = study.get_trials(deepcopy=False)
-    whole = [one for one in trials if one.value is not None and "cases" not in one.user_attrs]
+    whole = [one for one in trials if one.value is not None and WHOLE in one.user_attrs]
     failed = [one for one in trials if one.state.name == "FAIL"]
     if not whole:
         reason = f"; {len(failed)} failed, the first: {failed[0].user_attrs.get('error')}" if failed else ""
@@ -131,7 +131,7 @@ def _finished(plan: SearchPlan, study: Study, kinds: Mapping[int, str], workers:
         best.params,
         best.number,
         float(best.value or 0.0),
-        float(best.user_attrs.get("worst", worst_mean(list(best.intermediate_values.values())))),
+        float(best.user_attrs[WHOLE]),
         sum(one.state.is_finished() for one in trials),
         len(scored) - len(whole),
         len(failed),

@@ -28,7 +28,7 @@ from scipy.stats import spearmanr
 from sim.tuning.evaluation import evaluate
 from sim.tuning.population import drawn_case, kind_of
 from sim.tuning.scoring import Candidate, CaseSource, score_case
-from sim.tuning.space import OWN_SPACE, SearchRange, own_defaults, read_space
+from sim.tuning.space import OWN_SPACE, own_defaults, read_space
 from tests.benchmarks.one_tracker import DELAY, Source, all_rows, outcome
 from tracker.io.progress import progress_bar
 from tracker.options import parameters_from
@@ -36,17 +36,6 @@ from tracker.parameter_file import Value
 
 ROWS = ("pets-157", "pets-low", "pets-1", "pets-det", "cmc1-fairmot", "cmc2-fairmot", "cmc1-rcnn", "cmc2-rcnn", "wildtrack-0.1", "wildtrack-0.5")
 RESAMPLES = 2000
-
-
-def drawn(one: SearchRange, rng: np.random.Generator) -> Value:
-    """A value of a range, uniform on its scale."""
-    if one.choices:
-        return one.choices[int(rng.integers(len(one.choices)))]
-    if one.whole:
-        return int(rng.integers(int(one.low), int(one.high) + 1))
-    low, high = (np.log(one.low), np.log(one.high)) if one.log else (one.low, one.high)
-    value = float(rng.uniform(low, high))
-    return float(np.exp(value)) if one.log else value
 
 
 def real_score(row: str, values: dict[str, Value]) -> float:
@@ -80,7 +69,7 @@ def rank(options: argparse.Namespace) -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     space, rng = read_space(options.space), np.random.default_rng(options.seed)
     own_defaults(space, str(options.space))
-    sets = [{one.name: drawn(one, rng) for one in space} for _ in range(options.sets)]
+    sets = [{one.name: one.draw(rng) for one in space} for _ in range(options.sets)]
     jobs: list[tuple[str, Any]] = []
     for k, values in enumerate(sets):
         jobs += [(f"{k} {row}", delayed(real_score)(row, values)) for row in options.rows]

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sim.placement.config import PlacementConfig
 from sim.stress.tracker_under_test import TrackerUnderTest
 from sim.tuning.space import OWN_SPACE, function_defaults, own_defaults, read_space
 from tests.benchmarks.nearest_neighbour import GATE, nearest_neighbour
@@ -92,6 +93,14 @@ def test_parameters_reach_the_tracker_and_options_override_them(tmp_path: Path) 
     path.write_text("n_conf = 2.5")
     with pytest.raises(ValueError, match=rf"^{path}: parameter n_conf is 2.5, needs a whole number$"):
         parameters_from({"parameters": path})
+    config = PlacementConfig(observation="tracks", parameters=(("max_gain", 5.0),))
+    assert config == PlacementConfig.of({"observation": "tracks", "parameters": (("max_gain", 5.0),)})
+    with pytest.raises(ValueError, match="parameters are of the observation tracks"):
+        PlacementConfig(parameters=(("max_gain", 5.0),))
     TrackerUnderTest("tests.benchmarks.nearest_neighbour:greedy", {"parameters": {"gate": 0.5}})
     with pytest.raises(ValueError, match="options delay are of the default tracker"):
-        TrackerUnderTest("tests.benchmarks.nearest_neighbour:greedy", {"delay": 3})
+        config = PlacementConfig(observation="tracks", parameters=(("max_gain", 5.0),))
+    assert config == PlacementConfig.of({"observation": "tracks", "parameters": (("max_gain", 5.0),)})
+    with pytest.raises(ValueError, match="parameters are of the observation tracks"):
+        PlacementConfig(parameters=(("max_gain", 5.0),))
+    TrackerUnderTest("tests.benchmarks.nearest_neighbour:greedy", {"delay": 3})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -40,8 +41,8 @@ def test_cameras_without_truth_need_a_number_of_people(calibration: Path) -> Non
 
 
 @pytest.mark.data
-def test_a_detector_is_fitted_to_each_view_of_a_recording_with_truth(data: Path, tmp_path: Path) -> None:
-    user = open_cameras(data / "cmc" / "CMC1", SourceOptions(frames=(0, 130)), None)
+def test_a_detector_is_fitted_to_each_view_of_a_recording_with_truth(data: Callable[..., Path], tmp_path: Path) -> None:
+    user = open_cameras(data("cmc", "CMC1"), SourceOptions(frames=(0, 130)), None)
     assert [len(user.models), user.people] == [4, 2]
     case = user_case(0, 1, tmp_path, user)
     assert case.kind == "yours"
