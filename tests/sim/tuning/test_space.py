@@ -99,8 +99,4 @@ def test_parameters_reach_the_tracker_and_options_override_them(tmp_path: Path) 
         PlacementConfig(parameters=(("max_gain", 5.0),))
     TrackerUnderTest("tests.benchmarks.nearest_neighbour:greedy", {"parameters": {"gate": 0.5}})
     with pytest.raises(ValueError, match="options delay are of the default tracker"):
-        config = PlacementConfig(observation="tracks", parameters=(("max_gain", 5.0),))
-    assert config == PlacementConfig.of({"observation": "tracks", "parameters": (("max_gain", 5.0),)})
-    with pytest.raises(ValueError, match="parameters are of the observation tracks"):
-        PlacementConfig(parameters=(("max_gain", 5.0),))
-    TrackerUnderTest("tests.benchmarks.nearest_neighbour:greedy", {"delay": 3})
+        TrackerUnderTest("tests.benchmarks.nearest_neighbour:greedy", {"delay": 3})
