@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
@@ -16,11 +16,14 @@ class Files:
     """Two files to score against each other."""
 
     truth: Annotated[Path | None, unset("FILE", "two folders")] = None
-    """A MOT15 file with the truth."""
+    """A MOT15 file with the truth, or one of MOT16 to MOT20 with nine columns."""
     result: Annotated[Path | None, unset("FILE", "two folders")] = None
     """A MOT15 file with a tracker's output."""
     iou: Annotated[float | None, unset("FLOAT", "positions on the ground within 1 m")] = None
     """Match boxes by at least this intersection over union, from 0 to 1."""
+    flagged: Annotated[Literal["removed", "ignored", "counted"] | None, unset("removed|ignored|counted", "removed for boxes, else ignored")] = None
+    """What truth rows flagged 0 (column 7) are: removed, so that estimates on them are
+    false, as TrackEval has it; ignored both ways; or counted like all others."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,7 @@ class Score:
             scores = utias_run.evaluate_trajectories(self.source, self.results)
             print(json_text(scores, indent=1) if self.json else trajectories.table(scores))
             return
-        if self.source and self.results and not (self.files.truth or self.files.result) and self.files.iou is None:
+        if self.source and self.results and not (self.files.truth or self.files.result) and self.files.iou is None and self.files.flagged is None:
             results = read_results(self.results)
             options = SourceOptions.of_run(results.run)
             try:
@@ -77,7 +80,7 @@ class Score:
             if scores["robots"]:
                 scores["robots"] |= efficiency(sequence, results)
         elif self.files.truth and self.files.result and not (self.source or self.results):
-            scores = evaluate_files(self.files.truth, self.files.result, self.files.iou, area)
+            scores = evaluate_files(self.files.truth, self.files.result, self.files.iou, area, self.files.flagged)
         else:
             raise ValueError("score takes either SOURCE and RESULTS, or --truth and --result with or without --iou")
         if area is not None:

@@ -114,7 +114,7 @@ class Track:
             # The network is checked before the work, and the run names it.
             model = PersonNetwork(self.model).checksum
             sequence = detected_in_images(sequence, self.model, threads)
-        first = next(iter(sequence.ticks), None)
+        first = next((tick for tick in sequence.ticks if tick.views), next(iter(sequence.ticks), None))
         if first is None:
             raise ValueError(f"{self.source}: no frame, since the files of detections hold no box and there is no truth")
         if not first.views:

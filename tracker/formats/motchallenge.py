@@ -15,12 +15,9 @@ import numpy as np
 from tracker.formats.exported_sequence import RecordedSequence, ltwh_from_edges
 from tracker.geometry import Array, Ints
 from tracker.io.atomic import write_text
-from tracker.io.mot15 import ABSENT, Mot15Rows, number, write_mot15
+from tracker.io.mot15 import ABSENT, PEDESTRIAN, Mot15Rows, number, write_mot15
 from tracker.types import Boxes, ViewTruth
 from tracker.types.truth import evaluated_people
-
-PEDESTRIAN = 1
-"""Number of the class."""
 
 
 def write_mot17(path: Path, frame: Ints, boxes: Boxes) -> None:

@@ -6,10 +6,13 @@ Numba's caches notice a change in the file of a function alone. These also notic
 
 from __future__ import annotations
 
+import logging
+import multiprocessing
 import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from time import monotonic
 from typing import Any, TypeVar, cast
 
 import numba
@@ -18,6 +21,28 @@ from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+SILENT = 3.0
+"""s of compilation without a word."""
+
+
+class _Compiling:
+    """Says once that functions are being compiled, where that takes longer than SILENT s; in the first process alone."""
+
+    def __init__(self) -> None:
+        self._began: float | None = None
+        self._said = False
+
+    def say(self) -> None:
+        """Another function is not in the cache."""
+        self._began = monotonic() if self._began is None else self._began
+        if not self._said and monotonic() - self._began > SILENT and multiprocessing.parent_process() is None:
+            self._said = True
+            logging.getLogger("tracker.compiled").warning("compiling for this machine, which takes up to a minute and is kept for later runs")
+
+
+_compiling = _Compiling()
 
 
 class RepairedCache(FunctionCache):
@@ -31,10 +56,13 @@ class RepairedCache(FunctionCache):
     def load_overload(self, signature: Any, context: Any) -> Any:
         """The compiled function of a signature, None where there is none."""
         try:
-            return super().load_overload(signature, context)
+            found = super().load_overload(signature, context)
         except Exception:
             self._empty()
-            return None
+            found = None
+        if found is None:
+            _compiling.say()
+        return found
 
     def save_overload(self, signature: Any, compiled: Any) -> None:
         """Keep a compiled function, if possible."""

@@ -25,6 +25,10 @@ COLUMNS = ("frame", "id", "left", "top", "width", "height", "confidence", "x", "
 WHOLE = ("frame", "id")
 """Columns of whole numbers."""
 
+TRUTH_COLUMNS = ("frame", "id", "left", "top", "width", "height", "consider", "class", "visibility")
+"""Of the truth of MOT16, MOT17 and MOT20."""
+PEDESTRIAN, DISTRACTORS = 1, (2, 7, 8, 12)
+"""Classes: a person on foot; a person on a vehicle, a static person, a distractor, a reflection."""
 ABSENT = -1.0
 
 ZERO_SUBSTITUTE = 1e-9
@@ -132,6 +136,30 @@ def read_mot15(path: str | os.PathLike[str], tracks: bool = False) -> Mot15Rows:
     if fault is not None:
         raise ValueError(f"{path}:line {lines[fault[0]]}: {fault[1]}")
     return Mot15Rows(frame, ids, table[:, 2:6], table[:, 6], table[:, 7:10])
+
+
+def read_mot_truth(path: str | os.PathLike[str]) -> tuple[Mot15Rows, Mask]:
+    """The truth of MOT15, or of MOT16 to MOT20 (nine columns: …, consider, class, visibility), and which rows (n,) are of distractors.
+
+    Of nine columns, `consider` is the confidence, 0 for all classes but pedestrians. Distractors are what detectors take for people.
+    Raises ValueError as read_mot15.
+    """
+    first = next((line for _, line in read_lines(path)), "")
+    if first.count(",") != len(TRUTH_COLUMNS) - 1:
+        rows = read_mot15(path, tracks=True)
+        return rows, np.zeros(len(rows), dtype=np.bool_)
+    table: list[list[float]] = []
+    for count, line in read_lines(path):
+        parts = line.split(",")
+        if len(parts) != len(TRUTH_COLUMNS):
+            raise ValueError(f"{path}:line {count}: {len(parts)} values, needs {len(TRUTH_COLUMNS)}, as the first row has")
+        table.append([parse_number(part, f"{path}:line {count}: {name}") for name, part in zip(TRUTH_COLUMNS, parts, strict=True)])
+    values = np.array(table).reshape(-1, len(TRUTH_COLUMNS))
+    kind, frame, ids = values[:, 7].astype(np.int64), *values[:, :2].astype(np.int64).T
+    if (fault := _first_fault(frame, ids, values[:, 2:6])) is not None:
+        raise ValueError(f"{path}: row {fault[0] + 1}: {fault[1]}")
+    consider = np.where(kind == PEDESTRIAN, values[:, 6], 0.0)
+    return Mot15Rows(frame, ids, values[:, 2:6], consider, np.full((len(values), 3), ABSENT)), np.isin(kind, DISTRACTORS)
 
 
 def place_of_row(path: str | os.PathLike[str], row: int) -> str:

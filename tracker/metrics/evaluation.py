@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from tracker.formats.aicity.files import CLASSES, PERSON, read_ground_truth, read_results
 from tracker.formats.aicity.person_boxes import boxes_of_tracks
 from tracker.geometry import Array, Ints, Mask, Pose
-from tracker.io.mot15 import read_mot15
+from tracker.io.mot15 import read_mot15, read_mot_truth
 from tracker.metrics.boxes_3d import BOX, hota_3d
 from tracker.metrics.clear_mot import score, score_boxes
 from tracker.metrics.ground_detection import score_ground_detections
@@ -109,12 +109,17 @@ def efficiency(sequence: Sequence, results: Results) -> dict[str, float | None]:
     return out
 
 
-def evaluate_files(truth: Path, result: Path, iou: float | None, area: Array | None = None) -> dict[str, Any]:
+Flagged = Literal["removed", "ignored", "counted"]
+"""What truth rows flagged 0 are: removed (estimates on them are false, TrackEval's rule), ignored both ways, or evaluated like others."""
+
+
+def evaluate_files(truth: Path, result: Path, iou: float | None, area: Array | None = None, flagged: Flagged | None = None) -> dict[str, Any]:
     """Scores of one MOT15 file against another: boxes that overlap by `iou`, or positions within 1 m if it is None.
 
     A truth that is the ground_truth.json of AI City is compared with a result file of that challenge, as evaluate_aicity.
-    Rows of the truth with confidence 0 are people that are not evaluated: as positions they are ignored both ways. As boxes they are evaluated
-    like all others, as in the published scores of S2.L1. area: (2, 2) m or None, as MatchingFrame.within.
+    A truth of boxes may be of MOT16 to MOT20, with nine columns: pedestrians are evaluated, and what is taken for people is ignored both ways.
+    flagged: of rows with confidence 0; None for TrackEval's rule for boxes, and ignored both ways for positions.
+    area: (2, 2) m or None, as MatchingFrame.within.
     Raises ValueError if positions are needed and a row has none, and for an area of boxes.
     """
     if truth.suffix == ".json":
@@ -123,7 +128,10 @@ def evaluate_files(truth: Path, result: Path, iou: float | None, area: Array | N
         return evaluate_aicity(truth, result, area)
     if iou is not None and area is not None:
         raise ValueError("--area is a part of the ground in metres, and --iou compares boxes in images; give one of them")
-    true, estimated = read_mot15(truth, tracks=True), read_mot15(result, tracks=True)
+    (true, distractor), estimated = read_mot_truth(truth), read_mot15(result, tracks=True)
+    flagged = flagged or ("ignored" if iou is None else "removed")
+    evaluated = np.ones(len(true), dtype=bool) if flagged == "counted" else true.confidence != 0
+    kept = evaluated | distractor | (flagged == "ignored")
     for path, rows in ((truth, true), (result, estimated)):
         if iou is None and not rows.has_position.all():
             raise ValueError(f"{path}: row {int(np.argmin(rows.has_position)) + 1} has no x, y, z; give --iou to compare boxes")
@@ -132,10 +140,9 @@ def evaluate_files(truth: Path, result: Path, iou: float | None, area: Array | N
     frames = []
     for number in sorted({*by_frame[0], *by_frame[1]}):
         t, e = by_frame[0].get(number, none), by_frame[1].get(number, none)
-        if iou is not None:
-            frames.append(MatchingFrame(true.id[t], true.box[t], estimated.id[e], estimated.box[e]))
-        else:
-            frames.append(MatchingFrame(true.id[t], true.position[t], estimated.id[e], estimated.position[e], counts=true.confidence[t] != 0))
+        t = t[kept[t]]
+        one, other = (true.box[t], estimated.box[e]) if iou is not None else (true.position[t], estimated.position[e])
+        frames.append(MatchingFrame(true.id[t], one, estimated.id[e], other, counts=(evaluated & ~distractor)[t]))
     targets = (score(frames if area is None else [frame.within(area) for frame in frames]) if iou is None else score_boxes(frames, iou=iou)).to_dict()
     return {"targets": targets, "everybody": targets, "robots": None, "dead_reckoning": None}
 

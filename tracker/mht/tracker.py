@@ -246,7 +246,7 @@ class MhtFilter:
             existence=np.clip(parents.existence + existence, -20.0, self.parameters.max_score),
             hits=parents.hits + detected, misses=np.where(detected, 0, parents.misses + 1),
             states=states, covariances=covariances, detected=detections, unselected=parents.unselected + 1, expected_misses=expected_misses,
-            out_of_view=np.where(now.bodies.in_any_view(now.cameras)[children.parent] | detected, 0, parents.out_of_view + 1),
+            out_of_view=np.where(now.bodies.in_any_view(now.cameras)[children.parent] | detected, 0, parents.out_of_view + bool(now.cameras)),
         )  # fmt: skip
 
     def _updated_leaves(self, now: Observation, roots: Roots, new: NewLeaves) -> NewLeaves:

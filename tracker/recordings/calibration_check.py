@@ -28,6 +28,7 @@ from tracker.recordings.calibration_errors import (
 from tracker.recordings.calibration_feet import CalibrationCase, Reference
 from tracker.recordings.calibration_timing import shifted_frames, stretched_frames
 from tracker.recordings.calibration_verdict import doubts
+from tracker.recordings.image_check import image_findings, silent_frames
 from tracker.recordings.recording import Recording, RecordingCamera
 
 MOST_FINDINGS = 6
@@ -146,7 +147,7 @@ def check_calibration(recording: Recording) -> CalibrationReport:
     case = CalibrationCase.of(recording)
     moving = tuple(name for name in recording.cameras if name not in case.lenses)
     checks = tuple(_camera_check(case, name, camera) for name, camera in recording.fixed.items())
-    return CalibrationReport(checks, moving, tuple(_findings(case)))
+    return CalibrationReport(checks, moving, (*_findings(case), *silent_frames(recording), *image_findings(recording)))
 
 
 def _findings(case: CalibrationCase) -> list[Finding]:
@@ -163,7 +164,8 @@ def _findings(case: CalibrationCase) -> list[Finding]:
 def suspicion(recording: Recording) -> str:
     """One line on what no right recording shows; "" where nothing speaks against it. It takes a fraction of the time of all tests."""
     case = CalibrationCase.of(recording)
-    return "; ".join([*(words for _, words in doubts(case)), *(finding.words for finding in _below_ground(case))])
+    found = [*_below_ground(case), *silent_frames(recording)]
+    return "; ".join([*(words for _, words in doubts(case)), *(finding.words for finding in found)])
 
 
 def _below_ground(case: CalibrationCase) -> list[Finding]:

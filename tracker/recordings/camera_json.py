@@ -75,8 +75,14 @@ def camera_from(entry: Any, where: str) -> RecordingCamera:
     if robot is not None and (not isinstance(robot, str) or not robot.strip()):
         raise ValueError(f"{where}.robot is {_short(robot)}, needs the name of a robot")
     camera = _camera(entry, model, where)
-    rotation, translation = _rotation(entry["R"], f"{where}.R"), _numbers(entry["t"], 3, f"{where}.t", "x, y, z in metres")
+    rotation, translation = _rotation(entry["R"], f"{where}.R"), _numbers(_row(entry["t"]), 3, f"{where}.t", "x, y, z in metres")
     return RecordingCamera.of_opencv(camera, rotation, translation, robot)
+
+
+def _row(t: Any) -> Any:
+    """A translation as a row; OpenCV has it as a column, [[x], [y], [z]]."""
+    column = isinstance(t, list) and len(t) == 3 and all(isinstance(one, list) and len(one) == 1 for one in t)
+    return [one[0] for one in t] if column else t
 
 
 def camera_to(camera: RecordingCamera) -> dict[str, Any]:

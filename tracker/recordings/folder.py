@@ -1,6 +1,8 @@
 """The folder of a recording: recording.json, detections, optional truth, images, videos and robots; reader and writer.
 
-* recording.json: rate and cameras; optional format, area, ground, height and frames.
+* recording.json: rate and cameras; optional format, area, ground, height, frames and searched.
+  searched: [[first, last], [first, last, step], ...], frames from 1 in which people were searched, or an object of camera → such a list. Other
+  frames are no frames in which nobody was seen. Without it, all were searched.
 * detections/CAMERA.txt (MOT15): frame from 1, -1, left, top, width, height [px], confidence, -1, -1, -1.
 * detections/CAMERA.covariance.npy (optional): c00, c01, c11 [rad²] of each box, the covariance of Detections (rows, 3), in the order of the rows.
 * robot_detections.csv (optional): other robots that a camera sees: frame from 1, and the columns of companions.csv of a sequence.
@@ -23,7 +25,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -50,7 +52,7 @@ from tracker.types import RobotDetections, Start
 FILE = "recording.json"
 FORMAT = "pilsim-recording/1"
 ROBOT_TRUTH, ROBOTS_SEEN, COVARIANCES = "robot_truth.csv", "robot_detections.csv", ".covariance.npy"
-KEYS = ("format", "rate", "area", "ground", "height", "frames", "cameras")
+KEYS = ("format", "rate", "area", "ground", "height", "frames", "searched", "cameras")
 OUTSIDE = 1.0
 """m: true people may be this far outside the area. Farther ones tell of a wrong unit or a wrong area."""
 START_SIGMA = 1e-3
@@ -93,6 +95,7 @@ def read_recording(path: Path, strict: bool = True) -> Recording:
             occluders=occluders,
             images=image_sources(path, cameras),
             robots=robots,
+            searched=_searched(content.get("searched"), cameras, f"{file}: searched"),
             appearances=_of_boxes(path / "detections", list(cameras), ".npy"),
             covariances=_of_boxes(path / "detections", list(cameras), COVARIANCES),
             source={"source": "recording", "cameras": list(cameras), "files": _checksums(path)},
@@ -133,6 +136,37 @@ def _content(file: Path) -> dict[str, Any]:
         if not re.fullmatch(r"[^\s/\\,=:]+", name):
             raise ValueError(f"{file}: camera {name[:40]!r} needs a name without blanks and any of / \\ , = :")
     return content
+
+
+def _searched(given: Any, cameras: Mapping[str, RecordingCamera], where: str) -> dict[str, frozenset[int]]:
+    """Fixed camera → frames from 0 that were searched. given: as in recording.json, or None."""
+    fixed = [name for name, camera in cameras.items() if camera.robot is None]
+    by_camera = dict.fromkeys(fixed, given) if isinstance(given, list) else given
+    if given is None:
+        return {}
+    if not isinstance(by_camera, dict) or (unknown := sorted(set(by_camera) - set(fixed))):
+        other = f"names {unknown[0]!r}" if isinstance(by_camera, dict) else f"is {repr(given)[:60]}"
+        raise ValueError(
+            f"{where} {other}, needs a list of [first, last] frames from 1, or an object with one for each of {', '.join(fixed)}"
+        )
+    out: dict[str, frozenset[int]] = {}
+    for name, runs in by_camera.items():
+        frames: set[int] = set()
+        for run in runs if isinstance(runs, list) else [runs]:
+            whole = isinstance(run, list) and len(run) in (2, 3) and all(isinstance(one, int) and one > 0 for one in run)
+            if not whole or run[0] > run[1] or run[1] > MAX_FRAMES:
+                raise ValueError(f"{where} of {name} has {repr(run)[:60]}, needs [first, last] or [first, last, step], frames from 1 to {MAX_FRAMES}")
+            frames |= set(range(run[0] - 1, run[1], run[2] if len(run) == 3 else 1))
+        out[name] = frozenset(frames)
+    return out
+
+
+def _runs(frames: Collection[int]) -> list[list[int]]:
+    """Frames from 0 as runs [first, last] from 1."""
+    ordered = sorted(frames)
+    starts = [frame for frame in ordered if frame - 1 not in frames]
+    ends = [frame for frame in ordered if frame + 1 not in frames]
+    return [[a + 1, b + 1] for a, b in zip(starts, ends, strict=True)]
 
 
 def _ground(path: Path, ground: Any) -> tuple[Ground, Ground | None]:
@@ -305,6 +339,8 @@ def write_recording(folder: Path, recording: Recording) -> None:
     content: dict[str, Any] = {"format": FORMAT, "rate": recording.rate, "frames": recording.frames}
     if recording.area is not None:
         content["area"] = np.asarray(recording.area).tolist()
+    if recording.searched:
+        content["searched"] = {name: _runs(frames) for name, frames in recording.searched.items()}
     content["ground"] = _write_ground(folder, recording)
     content["height"] = list(recording.height)
     content["cameras"] = {name: camera_to(camera) for name, camera in recording.cameras.items()}

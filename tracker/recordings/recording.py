@@ -90,6 +90,7 @@ class Recording:
     rate: frames per second. cameras: name → RecordingCamera. detections: camera → FrameBoxes; a fixed camera without an entry has no views.
     truth: frame from 0 → ids (k,) and positions (k, 3) m of people, or None. frames: number of frames, 0 for as many as there are boxes or truth.
     area: (2, 2) m, the lowest and highest x, y in which people are reported, or None. ground: the terrain. height: band of body heights, m.
+    searched: fixed camera → the frames that were searched for people, for cameras not searched in all. In others it has no view: nobody knows.
     appearances: camera → frame → vectors (n, d) of the boxes of that frame, as in Detections; they are left out where other boxes come in.
     covariances: camera → frame → (n, 3) rad²: c00, c01, c11 of the covariance in Detections that the detector states; left out likewise.
     robot_detections: camera → frame → the other robots that it sees; empty where no detector of robots runs.
@@ -115,6 +116,7 @@ class Recording:
     appearances: Mapping[str, FrameVectors] = field(default_factory=dict)
     covariances: Mapping[str, FrameVectors] = field(default_factory=dict)
     robot_detections: Mapping[str, Mapping[int, RobotDetections]] = field(default_factory=dict)
+    searched: Mapping[str, frozenset[int]] = field(default_factory=dict)
     source: Mapping[str, Any] = field(default_factory=lambda: {"source": "recording"})
 
     def __post_init__(self) -> None:
@@ -127,7 +129,7 @@ class Recording:
         low, high = self.height
         if not 0 < low < high < np.inf:
             raise ValueError(f"height is {list(self.height)}, needs two numbers of metres above 0, the lower first")
-        for kind, named in (("detections", self.detections), ("images", self.images), ("appearances", self.appearances)):
+        for kind, named in (("detections", self.detections), ("images", self.images), ("appearances", self.appearances), ("searched", self.searched)):
             if unknown := sorted(set(named) - set(self.cameras)):
                 raise ValueError(f"{kind} has camera {unknown[0]!r}, needs one of {', '.join(self.cameras)}")
         for name, camera in self.cameras.items():
@@ -176,7 +178,9 @@ class Recording:
     def with_detections(self, detections: Mapping[str, FrameBoxes]) -> Recording:
         """The recording with other detections of the named cameras. It has at least as many frames as before."""
         kept, stated = ({n: v for n, v in of.items() if n not in detections} for of in (self.appearances, self.covariances))
-        changed = replace(self, frames=0, detections={**self.detections, **detections}, appearances=kept, covariances=stated)
+        searched = {name: frames for name, frames in self.searched.items() if name not in detections}
+        boxes = {**self.detections, **detections}
+        changed = replace(self, frames=0, detections=boxes, appearances=kept, covariances=stated, searched=searched)
         return replace(changed, frames=max(self.frames, changed.frames))
 
     def pose_at(self, camera: RecordingCamera, frame: int) -> Pose | None:
@@ -203,6 +207,7 @@ class Recording:
             appearances={name: self.appearances[name] for name in names if name in self.appearances},
             covariances={name: self.covariances[name] for name in names if name in self.covariances},
             robot_detections={name: _of_robots(self.robot_detections[name], carriers) for name in names if name in self.robot_detections},
+            searched={name: self.searched[name] for name in names if name in self.searched},
             images={name: self.images[name] for name in names if name in self.images},
             robots={name: robot for name, robot in self.robots.items() if name in carriers},
         )
@@ -225,6 +230,7 @@ class Recording:
             self,
             detections={name: part(boxes) for name, boxes in self.detections.items()},
             appearances={name: part(vectors) for name, vectors in self.appearances.items()},
+            searched={name: frozenset(f - first for f in frames if first <= f < end) for name, frames in self.searched.items()},
             covariances={name: part(vectors) for name, vectors in self.covariances.items()},
             robot_detections={name: part(seen) for name, seen in self.robot_detections.items()},
             truth=None if self.truth is None else part(self.truth),
@@ -274,6 +280,8 @@ class Recording:
         for name, camera in self.cameras.items():
             if camera.robot is None and name not in self.detections:
                 continue  # an empty view would say that the camera sees nobody
+            if camera.robot is None and index not in self.searched.get(name, (index,)):
+                continue
             found = self.detections.get(name, {}).get(index)
             odometry = self.robots[camera.robot].odometry.get(index) if camera.robot is not None else None
             robots = self.robot_detections.get(name, {}).get(index, NO_ROBOT) if self.robot_detections else None

@@ -10,7 +10,7 @@ import pytest
 from tests.tracker import sequences
 from tracker.formats.aicity.files import AiCityObject, AiCityRows, write_ground_truth, write_results
 from tracker.geometry import Array, Ints, Pose
-from tracker.metrics.evaluation import efficiency, evaluate, evaluate_files, table
+from tracker.metrics.evaluation import Flagged, efficiency, evaluate, evaluate_files, table
 from tracker.sequence.reader import read_sequence
 from tracker.sequence.results import Results
 from tracker.types import LandmarkHistory, Sequence, Start, Truth
@@ -82,9 +82,25 @@ def test_dead_reckoning_composes_odometry(tmp_path: Path) -> None:
 def test_published_score_of_s2l1(data: Callable[..., Path]) -> None:
     """FORMATS and the data's README: MOTA 85.0, FP 247, FN 420, 31 switches at IoU 0.5."""
     folder = data("pets2009", "S2.L1", "mot15")
-    targets = evaluate_files(folder / "gt.txt", folder / "cem_result.txt", 0.5)["targets"]
+    targets = evaluate_files(folder / "gt.txt", folder / "cem_result.txt", 0.5, flagged="counted")["targets"]
     assert round(targets["mota"], 3) == 0.850
     assert [targets[k] for k in ("false_positives", "misses", "switches")] == [247, 420, 31]
+
+
+@pytest.mark.parametrize(("flagged", "mota", "false"), [(None, 0.0, 4), ("removed", 0.0, 4), ("ignored", 1.0, 0), ("counted", 1.0, 0)])
+def test_rows_flagged_0_follow_the_rule_of_trackeval_or_the_chosen_one(tmp_path: Path, flagged: Flagged | None, mota: float, false: int) -> None:
+    """A person who counts and one flagged 0, both found: an estimate on a removed row is false."""
+    rows = [(f, k, 100 * k + f, 50, 40, 100) for f in range(1, 5) for k in (1, 2)]
+    boxes = [",".join(map(str, row)) for row in rows]
+    (tmp_path / "r.txt").write_text("".join(f"{box},1,-1,-1,-1\n" for box in boxes))
+    (tmp_path / "gt.txt").write_text("".join(f"{box},{row[1] % 2},-1,-1,-1\n" for box, row in zip(boxes, rows, strict=True)))
+    found = evaluate_files(tmp_path / "gt.txt", tmp_path / "r.txt", 0.5, flagged=flagged)["targets"]
+    assert (found["mota"], found["false_positives"]) == (mota, false)
+    # Nine columns: a pedestrian and a reflection (12), on which an estimate is no error.
+    nine = "".join(f"{box},{row[1] % 2},{1 if row[1] == 1 else 12},1\n" for box, row in zip(boxes, rows, strict=True))
+    (tmp_path / "gt.txt").write_text(nine)
+    found = evaluate_files(tmp_path / "gt.txt", tmp_path / "r.txt", 0.5)["targets"]
+    assert (found["mota"], found["truths"], found["false_positives"]) == (1.0, 4, 0)
 
 
 def test_positions_are_needed_to_compare_positions(data: Callable[..., Path]) -> None:

@@ -30,6 +30,7 @@ from tracker.io.image_files import NO_PICTURE, PICTURES, image_size
 from tracker.io.json_files import read_json
 from tracker.io.picture_folders import say_left_out, visible_files
 from tracker.io.resume import checksums
+from tracker.io.time_order import say
 from tracker.recordings import Recording, RecordingCamera
 from tracker.recordings.folder import read_boxes
 from tracker.recordings.images import ImageFiles
@@ -224,6 +225,9 @@ def _truth(path: Path, layout: WildtrackLayout) -> tuple[dict[int, tuple[Ints, A
             if one.feet is not None:
                 places[k] = _feet(one.feet, places[k], layout.grid.cell, f"{file}: person {one.person}")
         truth[frame] = ids, places
+    if missing := sorted(set(range(max(truth, default=-1))) - set(truth)):
+        named = ", ".join(f"{layout.step * frame:0{len(files[0].stem)}d}.json" for frame in missing[:3])
+        say(f"{folder}: {named}{' and more' * (len(missing) > 3)} missing, so {len(missing)} of {max(truth) + 1} frames have nobody in the truth")
     return truth if files else None, digest.hexdigest()
 
 

@@ -1,0 +1,104 @@
+"""Frames and images beside the boxes of a recording: frames in which no camera has boxes, and images that are not those of the boxes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from tracker.geometry import Array, Ints
+from tracker.io.image_files import image_size
+from tracker.io.video_files import frame_times
+from tracker.recordings.calibration_errors import Finding
+from tracker.recordings.images import ImageFiles, VideoFile
+from tracker.recordings.recording import Recording
+
+LEAST_BESIDE = 4.0
+"""Boxes of all cameras in the frames beside a silent one: so many people do not vanish from all views in a frame."""
+RATE_OFF = 0.05
+"""Share by which the rate of a video may differ from that of the recording: 30 and 29.97 frames/s are one."""
+RATE_FRAMES = 200
+"""Frames of a video by whose stamps its rate is taken."""
+NAMED = 3
+"""Runs of frames that a line names."""
+
+
+def silent_frames(recording: Recording) -> list[Finding]:
+    """A finding of frames without boxes in any camera, where those just before and after have some: they were lost, or not searched."""
+    counts = np.zeros(recording.frames)
+    known = np.zeros(recording.frames, dtype=bool)
+    for name in recording.fixed:
+        searched = recording.searched.get(name)
+        known |= True if searched is None else np.isin(np.arange(recording.frames), list(searched))
+        for frame, (boxes, _) in recording.detections.get(name, {}).items():
+            counts[frame] += len(boxes)
+    silent = _silent(counts, known)
+    if not len(silent):
+        return []
+    beside = float(np.median(counts[counts > 0]))
+    words = f"frames {_named(silent)} ({len(silent)} of {recording.frames}) have no boxes in any camera, and the others about {beside:.0f}"
+    ask = 'were they searched? They count as frames in which nobody is seen, unless "searched" in recording.json says which frames were'
+    return [Finding("frames-silent", (), f"{words}: {ask}")]
+
+
+def _silent(counts: Array, known: Array) -> Ints:
+    """Frames without boxes between frames with many. counts (f,): boxes; known (f,): whether any camera was searched."""
+    full = np.flatnonzero(counts > 0)
+    if not len(full):
+        return np.zeros(0, dtype=np.int64)
+    least = max(LEAST_BESIDE, float(counts[full].mean()) / 2)
+    gaps = np.flatnonzero(np.diff(full) > 1)
+    out = [np.arange(full[k] + 1, full[k + 1]) for k in gaps if (counts[full[k]] + counts[full[k + 1]]) / 2 >= least]
+    silent = np.concatenate([np.zeros(0, dtype=np.int64), *out])
+    return silent[known[silent]]
+
+
+def _named(frames: Iterable[int]) -> str:
+    """Frames from 0 as runs from 1, the first NAMED of them."""
+    runs: list[list[int]] = []
+    for frame in frames:
+        if runs and runs[-1][1] == frame:
+            runs[-1][1] += 1
+        else:
+            runs.append([int(frame) + 1, int(frame) + 1])
+    shown = [f"{a}" if a == b else f"{a}-{b}" for a, b in runs[:NAMED]]
+    return ", ".join(shown) + (f" and {len(runs) - NAMED} more runs" if len(runs) > NAMED else "")
+
+
+def image_findings(recording: Recording) -> list[Finding]:
+    """Images that do not fit the boxes: of another size, missing, or of another number or rate of frames."""
+    out: list[Finding] = []
+    for name, source in recording.images.items():
+        boxes = [frame for frame, (box, _) in recording.detections.get(name, {}).items() if len(box)]
+        if isinstance(source, ImageFiles):
+            out += _of_files(recording, name, source, boxes)
+        elif isinstance(source, VideoFile):
+            out += _of_video(recording, name, source, boxes)
+    return out
+
+
+def _of_files(recording: Recording, name: str, source: ImageFiles, boxes: list[int]) -> list[Finding]:
+    out, lens = [], recording.cameras[name].camera
+    first = min(source.files)
+    size = image_size(source.files[first].read_bytes())
+    if size is not None and size != (lens.height, lens.width):
+        words = f"{name}: {source.files[first].name} is {size[1]} x {size[0]} px, and the calibration is of {lens.width} x {lens.height} px"
+        out.append(Finding("image-size", (name,), words))
+    missing = sorted(set(boxes) - set(source.files))
+    if missing:
+        words = f"{name}: {len(missing)} of {len(boxes)} frames with boxes have no image ({_named(missing)})"
+        out.append(Finding("images-missing", (name,), words))
+    return out
+
+
+def _of_video(recording: Recording, name: str, source: VideoFile, boxes: list[int]) -> list[Finding]:
+    out = []
+    last, times = max(boxes, default=-1), frame_times(source.path, RATE_FRAMES)
+    rate = (len(times) - 1) / float(np.ptp(times)) if len(times) > 2 and np.ptp(times) > 0 else recording.rate
+    if not 1 - RATE_OFF < rate / recording.rate < 1 + RATE_OFF:
+        words = f"{name}: {source.path.name} has {rate:.4g} frames/s by its stamps, and the recording has {recording.rate:g}"
+        out.append(Finding("video-rate", (name,), words))
+    if last >= len(times) and last >= (frames := source.frames()):
+        words = f"{name}: {source.path.name} has {frames} frames, and there are boxes in frame {last + 1}"
+        out.append(Finding("video-short", (name,), words))
+    return out
