@@ -8,6 +8,7 @@ import numpy as np
 
 from tracker.geometry import Array, Ints
 from tracker.io.image_files import image_size
+from tracker.io.time_order import say
 from tracker.io.video_files import frame_times
 from tracker.recordings.calibration_errors import Finding
 from tracker.recordings.images import ImageFiles, VideoFile
@@ -66,7 +67,7 @@ def _named(frames: Iterable[int]) -> str:
 
 
 def image_findings(recording: Recording) -> list[Finding]:
-    """Images that do not fit the boxes: of another size, missing, or of another number or rate of frames."""
+    """Images that do not fit the boxes: of another size, missing, or fewer. The rate of a video is told alone, as many are encoded at another."""
     out: list[Finding] = []
     for name, source in recording.images.items():
         boxes = [frame for frame, (box, _) in recording.detections.get(name, {}).items() if len(box)]
@@ -96,8 +97,7 @@ def _of_video(recording: Recording, name: str, source: VideoFile, boxes: list[in
     last, times = max(boxes, default=-1), frame_times(source.path, RATE_FRAMES)
     rate = (len(times) - 1) / float(np.ptp(times)) if len(times) > 2 and np.ptp(times) > 0 else recording.rate
     if not 1 - RATE_OFF < rate / recording.rate < 1 + RATE_OFF:
-        words = f"{name}: {source.path.name} has {rate:.4g} frames/s by its stamps, and the recording has {recording.rate:g}"
-        out.append(Finding("video-rate", (name,), words))
+        say(f"{source.path}: has {rate:.4g} frames/s by its stamps, and the recording has {recording.rate:g}; its frames are taken one by one")
     if last >= len(times) and last >= (frames := source.frames()):
         words = f"{name}: {source.path.name} has {frames} frames, and there are boxes in frame {last + 1}"
         out.append(Finding("video-short", (name,), words))

@@ -80,10 +80,13 @@ def test_images_of_another_size_and_missing_ones(tmp_path: Path) -> None:
     assert "1 of 4 frames with boxes have no image (3)" in missing.words
 
 
-def test_videos_of_another_rate_and_number_of_frames(tmp_path: Path) -> None:
+def test_videos_of_another_rate_and_number_of_frames(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     room = walked_room(people=2, frames=12)
     fast = image_findings(replace(room, images={"C1": VideoFile(video(tmp_path / "a.mkv", list(range(8))))}))
-    assert [one.kind for one in fast] == ["video-rate", "video-short"]
-    assert "has 8 frames, and there are boxes in frame 12" in fast[1].words
+    assert [one.kind for one in fast] == ["video-short"]
+    assert "has 8 frames, and there are boxes in frame 12" in fast[0].words
+    assert "frames/s by its stamps, and the recording has 4" in caplog.text
     same = video(tmp_path / "b.mkv", [round(30 / 4 * k) for k in range(12)])
+    caplog.clear()
     assert image_findings(replace(room, images={"C1": VideoFile(same)})) == []
+    assert not caplog.text
