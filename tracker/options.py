@@ -7,12 +7,13 @@ An option that is None has the default value of its parameter. The tracker is im
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, is_dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
-from tyro.conf import arg
+from tyro.conf import Suppress, arg
 
 if TYPE_CHECKING:
     from tracker.detections.front_end import ImageParameters
@@ -89,12 +90,12 @@ class PeopleOptions:
 
     delay: int = 0
     """Number of frames by which the output lags; later frames smooth the positions of people."""
-    confidence: Annotated[Literal["given", "learned"] | None, unset("{given,learned}", "given")] = None
-    """What confidences of detections say: a probability as given, or learned for each view while tracking, for detectors of any other scale."""
+    confidence: Annotated[Literal["given", "learned"] | None, unset("{given,learned}", "learned")] = None
+    """What confidences of detections say: it is learned for each view while tracking, whatever their scale, or they are probabilities as given."""
     n_scan: Annotated[float | None, NOT_NEGATIVE, unset("FLOAT", "1.43")] = None
     """N-scan pruning: age after which a decision is final, s. With 0 decisions stand at once, which is fastest."""
-    theta_s: Annotated[float | None, POSITIVE, unset("FLOAT", "1.0")] = None
-    """θ_s: two tracks within this distance, m, that no view can tell apart are merged."""
+    theta_s: Annotated[float | None, POSITIVE, Suppress] = None
+    """Without effect: tracks near each other are no longer merged. The option goes with the next version."""
     v_max: Annotated[float | None, POSITIVE, unset("FLOAT", "3.0")] = None
     """v_max: maximum speed of a person, m/s; a faster track is deleted."""
     delta_a: Annotated[float | None, POSITIVE, unset("FLOAT", "1.29")] = None
@@ -214,9 +215,11 @@ def _targets(given: Mapping[str, Any]) -> MhtParameters:
     chosen = with_fields(chosen, values, where)
     if "v_max" in given:
         chosen = replace(chosen, motion=replace(chosen.motion, v_max=given["v_max"]))
-    if given.get("confidence") == "learned":
-        chosen = replace(chosen, detection_rates=replace(chosen.detection_rates, learned=True))
-    fields = {"theta_s": "merge_distance", "seed_search": "seed"} | {name: name for name in ("delta_a", "n_conf", "k_h", "i_bls_max", "n_scan")}
+    if "confidence" in given:
+        chosen = replace(chosen, detection_rates=replace(chosen.detection_rates, learned=given["confidence"] == "learned"))
+    if "theta_s" in given:
+        warnings.warn("--theta-s has no effect: tracks near each other are no longer merged", FutureWarning, stacklevel=2)
+    fields = {"seed_search": "seed"} | {name: name for name in ("delta_a", "n_conf", "k_h", "i_bls_max", "n_scan")}
     return replace(chosen, **{field: given[name] for name, field in fields.items() if name in given})
 
 

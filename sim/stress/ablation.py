@@ -38,12 +38,9 @@ TINY_VARIANCE = 1e-10
 """m², rad²: variance of known quantities. Covariances of 0 could not be inverted."""
 
 ACCEPT_ALL = {
-    "usable": (-np.inf, 0.0),
-    "initiation": (-np.inf, 0.0),
     "n_conf": 1,
-    "confirm_score": -1e6,
-    "delete_tentative_score": -1e6,
-    "delete_confirmed_score": -1e6,
+    "report": 0.0,
+    "forget": 0.0,
 }
 """Parameters of a tracker that gets the boxes of one person only: its first track is confirmed at once and never deleted."""
 

@@ -1,6 +1,6 @@
 """Why boxes initiate no track: each box is counted once, by the first gate that stops it, and the counts are explained in one line.
 
-The gates are those of the tracker of people: confidence and projection to the ground, then height and visible feet (cross_view.py), then the area.
+The gates are those of the tracker of people: projection to the ground, then height and visible feet (cross_view.py), then the area.
 """
 
 from __future__ import annotations
@@ -11,12 +11,10 @@ import numpy as np
 
 from tracker.detections.cross_view import may_initiate
 from tracker.detections.ground_points import FusionParameters, GroundDetections
-from tracker.geometry import Mask
 from tracker.types import Setup
 
 BOXES = "boxes"
 NO_POSE = "boxes of robots that are not localized"
-LOW_CONFIDENCE = "boxes of low confidence"
 NO_GROUND = "boxes without a ground point"
 TOO_LOW = "boxes too low"
 TOO_HIGH = "boxes too high"
@@ -28,18 +26,14 @@ FEW = 0.1
 """People are few where the reported places are less than this share of the boxes of one camera."""
 
 
-def count_rejections(views: Iterable[tuple[GroundDetections, Mask]], setup: Setup, fusion: FusionParameters) -> dict[str, int]:
-    """The number of boxes, and of those that each gate stops: name → count. The last name, USABLE, is of the boxes that no gate stops.
-
-    views: the boxes (n,) of each view, and which of them are confident enough by what was learned of the view.
-    """
-    counts = dict.fromkeys((BOXES, LOW_CONFIDENCE, NO_GROUND, TOO_LOW, TOO_HIGH, HIDDEN_FEET, OUTSIDE, USABLE), 0)
+def count_rejections(views: Iterable[GroundDetections], setup: Setup, fusion: FusionParameters) -> dict[str, int]:
+    """The number of boxes, and of those that each gate stops: name → count. The last name, USABLE, is of the boxes that no gate stops."""
+    counts = dict.fromkeys((BOXES, NO_GROUND, TOO_LOW, TOO_HIGH, HIDDEN_FEET, OUTSIDE, USABLE), 0)
     low, high = setup.height
-    for feet, may_start in views:
+    for feet in views:
         counts[BOXES] += len(feet)
         left = np.ones(len(feet), dtype=bool)
         for name, stopped in (
-            (LOW_CONFIDENCE, ~may_start),
             (NO_GROUND, ~feet.grounded),
             (TOO_LOW, feet.height < low),
             (TOO_HIGH, feet.height > high),
@@ -66,7 +60,6 @@ def explain_few_people(counters: Mapping[str, int], places: int, setup: Setup, f
     low, high = setup.height
     reasons = {
         NO_POSE: "are of robots that are not localized",
-        LOW_CONFIDENCE: "are not confident enough to begin a track (--confidence learned learns the scale of a detector)",
         NO_GROUND: f"have no ground point (the lower edge is above the horizon or more than {fusion.reach:g} m away)",
         TOO_LOW: f"are lower than {low:g} m",
         TOO_HIGH: f"are higher than {high:g} m",

@@ -34,7 +34,7 @@ def gate(v: int, i: int, parents: Any, boxes: Any, limits: Any, gated: Ints) -> 
     found, ratios = 0, np.empty(MAX_GATED)
     for d in range(boxes.start[v], boxes.start[v + 1]):
         direction = boxes.direction[d]
-        if not boxes.usable[d] or predicted[0] * direction[0] + predicted[1] * direction[1] + predicted[2] * direction[2] < 0.5:
+        if predicted[0] * direction[0] + predicted[1] * direction[1] + predicted[2] * direction[2] < 0.5:
             continue
         ratio = log_likelihood(predicted, x, P, v, d, boxes, limits) + parents.links[i, d]
         if ratio == -np.inf:
@@ -52,7 +52,7 @@ def gate(v: int, i: int, parents: Any, boxes: Any, limits: Any, gated: Ints) -> 
 @njit(cache=True)
 def _gate_all(parents: Any, boxes: Any, limits: Any) -> tuple[Any, Mask]:
     """Boxes (n, V, MAX_GATED) within the gate of each leaf, −1 after the last; and which boxes (D,) are in the gates of several trees."""
-    V, D = len(boxes.origin), len(boxes.usable)
+    V, D = len(boxes.origin), len(boxes.cut)
     gated, owner = np.full((len(parents.state), V, MAX_GATED), -1), np.full(D, -1)
     for i in range(len(parents.state)):
         if parents.deleted[i]:
@@ -75,7 +75,7 @@ def branch(parents: ParentHypotheses, boxes: BoxTable, limits: BranchingConstant
     out = ChildHypotheses(*empty_children(len(parents.state) * (limits.max_children + V + 2), V))
     beam, narrow = ChildHypotheses(*empty_children(limits.beam_width, V)), ChildHypotheses(*empty_children(min(limits.beam_width, NARROW_BEAM), V))
     gated, contested = _gate_all(parents, boxes, limits)
-    banned = np.zeros(len(boxes.usable), np.bool_)
+    banned = np.zeros(len(boxes.cut), np.bool_)
     m = 0
     for i in range(len(parents.state)):
         if not parents.deleted[i]:
@@ -132,7 +132,7 @@ def _beam_search(i: int, parents: Any, boxes: Any, limits: Any, gated: Ints, ban
                 if d < 0 or banned[d]:
                     continue
                 ratio = log_likelihood(predicted, beam.state[b], beam.covariance[b], v, d, boxes, limits) + parents.links[i, d]
-                if ratio > max(missed - limits.margin, limits.min_ratio):
+                if ratio > missed - limits.margin:
                     score[extended], source[extended], taken[extended] = beam.increment[b] + ratio, b, d
                     extended += 1
         chosen = np.argsort(-score[:extended], kind="mergesort")[: len(beam.increment)]

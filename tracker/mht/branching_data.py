@@ -78,7 +78,7 @@ class BoxTable(NamedTuple):
 
     Of the views: origin (V, 3) m; bias (V, 6), the registration bias about `centre` (2,) m as in RegistrationBias.of.
     Of the boxes: direction (D, 3) to the feet and covariance (D, 2, 2) rad²; feet_hidden (D,): probability that the box ends above the feet.
-    head_slope (D,): tangent of the elevation of the upper edge; usable (D,): confident enough.
+    head_slope (D,): tangent of the elevation of the upper edge.
     detection_ratio (D,): log of the detection rate over the density of false boxes a steradian. existence_ratio (D,): log-likelihood ratio of a
     person over clutter, whatever the direction.
     cut (D,): the lower edge is at the image's edge; stature (D,): the upper edge measures statures; ambiguous (D,): row of `ranges`, or −1.
@@ -94,7 +94,6 @@ class BoxTable(NamedTuple):
     head_slope: Array
     detection_ratio: Array
     existence_ratio: Array
-    usable: Mask
     cut: Mask
     stature: Mask
     ambiguous: Ints
@@ -116,10 +115,9 @@ class BoxTable(NamedTuple):
         seen = [np.minimum(r - sensors.log_ground(f), m) for r, f, m in zip(on_ground, views, most, strict=True)]
         ratio, existence = np.concatenate([np.zeros(0), *seen]), np.concatenate([np.zeros(0), *on_ground])
         ambiguous, known = column("ambiguous", ()) > 0, np.repeat([f.known for f in views], np.diff(start))
-        usable = np.concatenate([np.zeros(0, dtype=bool), *map(sensors.usable, views)])
         return BoxTable(
             origin, bias, sensors.registration_bias.centre, start, column("direction", (3,)), column("covariance", (2, 2)), column("feet_hidden", ()),
-            np.tan(column("head_elevation", ())), ratio, np.minimum(existence, q.max_gain), usable,
+            np.tan(column("head_elevation", ())), ratio, np.minimum(existence, q.max_gain),
             column("cut", ()) > 0, known.astype(bool), np.where(ambiguous, np.cumsum(ambiguous) - 1, -1), RangeTable.of(views, q.fusion.ranges),
         )  # fmt: skip
 
@@ -128,7 +126,7 @@ class BranchingConstants(NamedTuple):
     """What bounds the children of a leaf.
 
     gate: standard deviations; foot_spread m; min_height, max_height m of a person. missed_by_all: least log-likelihood of missed detections in all
-    views at once. min_ratio: least log-likelihood ratio of a box. margin: log-likelihood by which a child may be worse than the best one.
+    views at once. margin: log-likelihood by which a child may be worse than the best one.
     beam_width, max_children: partial children and children that are kept.
     """
 
@@ -137,7 +135,6 @@ class BranchingConstants(NamedTuple):
     min_height: float
     max_height: float
     missed_by_all: float
-    min_ratio: float
     margin: float
     beam_width: int
     max_children: int

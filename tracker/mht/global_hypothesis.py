@@ -15,7 +15,6 @@ from tracker.clique.local_search import Graph, Limits, Options, Tuning, search
 from tracker.clique.set_packing import Effort, heaviest_clique
 from tracker.geometry import Array, Ints, Mask
 from tracker.geometry.compilation import njit
-from tracker.mht.conflicts import Conflicts
 from tracker.mht.track_trees import TrackHypotheses, weights
 from tracker.tracks.parameters import MhtParameters
 
@@ -55,15 +54,15 @@ class HypothesisSearch:
     def __init__(self, parameters: MhtParameters, solver: CliqueSolver | None = None) -> None:
         self.parameters, self.solver = parameters, solver or proved_cliques
 
-    def solve(self, leaves: TrackHypotheses, conflicts: Conflicts, previous: Mask, seed: int) -> GlobalHypothesis:
-        """The global hypothesis; previous (k, n): for each hypothesis of the last tick, which leaves are children of its leaves."""
+    def solve(self, leaves: TrackHypotheses, conflict: Mask, previous: Mask, seed: int) -> GlobalHypothesis:
+        """The global hypothesis.
+
+        conflict (n, n): as of `conflicts_of`. previous (k, n): for each hypothesis of the last tick, which leaves are children of its leaves.
+        """
         q = self.parameters
         weight = weights(leaves, q.max_weight)
         # A leaf that is too fast is not kept. If it were chosen here, its tree would lose the leaves that agree with the others.
         usable = (weight > 0) & (leaves.score > 0) & (leaves.speed <= q.motion.v_max)
-        merge_score = np.where(leaves.confirmed[:, None] & leaves.confirmed[None, :], q.merge_score, q.merge_score / 2)
-        conflict = conflicts.conflict | (conflicts.same_person > merge_score)
-        np.fill_diagonal(conflict, False)
         # Leaves that are not usable stay in the graph, but are never chosen.
         graph = Graph.from_rows(weight, np.count_nonzero(conflict, axis=1), np.flatnonzero(conflict) % max(len(weight), 1))
         solved: Solved = {}

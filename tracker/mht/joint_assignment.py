@@ -25,7 +25,7 @@ def assign_jointly(rows: Ints, parents: ParentHypotheses, boxes: BoxTable, limit
     Also returned: the log-likelihood ratio (k, D) of each box over a missed detection, 0 where it is not taken.
     """
     k, V = len(rows), len(boxes.origin)
-    out, ratio = ChildHypotheses(*empty_children(k, V)), np.zeros((k, len(boxes.usable)))
+    out, ratio = ChildHypotheses(*empty_children(k, V)), np.zeros((k, len(boxes.cut)))
     out.parent[:] = rows
     out.state[:], out.covariance[:] = parents.state[rows], parents.covariance[rows]
     for v in _joint_view_order(rows, parents, boxes):
@@ -44,7 +44,7 @@ def assigned_boxes(rows: Ints, children: ChildHypotheses, boxes: BoxTable) -> Ma
     place[rows] = np.arange(len(rows))
     mine = place[children.parent] >= 0
     row, box, increment = place[children.parent[mine]], children.box[mine], children.increment[mine]
-    out = np.zeros(len(boxes.usable), dtype=bool)
+    out = np.zeros(len(boxes.cut), dtype=bool)
     for v, (start, end) in enumerate(itertools.pairwise(boxes.start.tolist())):
         best = np.full((len(rows), end - start + 1), -np.inf)
         np.maximum.at(best, (row, np.where(box[:, v] >= 0, box[:, v] - start, -1)), increment)

@@ -6,6 +6,7 @@ A leaf is kept by its max-marginal loss: what the global hypothesis would lose t
 from __future__ import annotations
 
 import numpy as np
+from scipy.special import logit
 
 from tracker.geometry import Array, Ints, Mask
 from tracker.geometry.compilation import njit
@@ -22,7 +23,7 @@ def surviving_leaves(leaves: TrackHypotheses, box: Ints, chosen: GlobalHypothesi
     """
     q, (longest, n_scan) = parameters, ticks
     # A tentative track that takes boxes of others is never in the global hypothesis, and would stay for ever.
-    tentative = (leaves.misses < 3) & (leaves.existence > q.delete_tentative_score) & (leaves.unselected <= q.patience)
+    tentative = (leaves.misses < 3) & (leaves.existence > logit(q.forget)) & (leaves.unselected <= q.patience)
     keep = np.where(leaves.confirmed, (leaves.misses <= longest) & (leaves.unselected <= max(n_scan, q.patience)), tentative)
     keep &= leaves.speed <= q.motion.v_max
     keep &= _within_n_scan(leaves, chosen.best, n_scan)

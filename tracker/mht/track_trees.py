@@ -24,8 +24,8 @@ class TrackHypotheses:
     """Rows are n leaves; W is the number of ticks that a leaf remembers, C that of cameras.
 
     tree (n,): id of the track tree, never used again. state (n, 5): x, y m, velocity m/s, and stature m; covariance (n, 5, 5).
-    score (n,): log-likelihood ratio of the whole track against clutter. existence (n,): existence score, the same with bounded memory and without
-    the likelihood of places. confirmed (n,), deleted (n,): status of the track.
+    score (n,): log-likelihood ratio of the whole track against clutter. existence (n,): log-odds that there is a person, by
+    boxes and missed detections whatever their places. confirmed (n,), deleted (n,): status of the track.
     hits, misses, age (n,): ticks with a box, ticks since the last box, ticks since initiation. expected_misses (n,): sum over the ticks since the
     last box of the probability that some view should have had one. out_of_view (n,): ticks outside all views; unselected (n,): ticks outside the
     global hypothesis.
@@ -125,6 +125,11 @@ def predict(tracks: TrackHypotheses, dt: float, motion: MotionParameters) -> Tra
     memory["past_misses"][:, 0], memory["past_scores"][:, 0] = tracks.misses, tracks.score
     state = (F @ tracks.state[:, :, None])[:, :, 0]
     return replace(tracks, state=state, covariance=F @ tracks.covariance @ F.transpose(0, 2, 1) + Q, age=tracks.age + 1, **memory)
+
+
+def survived(existence: Array, leaving: float) -> Array:
+    """Existence (n,), log-odds, after a time in which a person leaves with a small probability `leaving` (Bernoulli filter: Ristic et al. 2013)."""
+    return np.asarray(np.log1p(-leaving) - np.logaddexp(-existence, np.log(leaving)))
 
 
 def weights(tracks: TrackHypotheses, most: float) -> Array:

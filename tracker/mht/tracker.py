@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple, final
 
 import numpy as np
+from scipy.special import logit
 
 from tracker.detections.cross_view import CrossViewGroup, group_across_views
 from tracker.detections.ground_points import GroundDetections
@@ -31,13 +32,13 @@ from tracker.geometry import Array, Ints, Mask
 from tracker.mht.appearance_model import AppearanceModel
 from tracker.mht.branching import branch
 from tracker.mht.branching_data import BoxTable, BranchingConstants, ChildHypotheses, Observation, ParentHypotheses
-from tracker.mht.conflicts import ConflictRows, Conflicts, MergeLimits, conflicts_of
+from tracker.mht.conflicts import conflicts_of
 from tracker.mht.global_hypothesis import CliqueSolver, GlobalHypothesis, HypothesisSearch
 from tracker.mht.initiation import with_statures, with_walkable_prior
 from tracker.mht.joint_assignment import assign_jointly, assigned_boxes, union
 from tracker.mht.negative_information import ExpectedVisibility
 from tracker.mht.pruning import prune_branches, surviving_leaves
-from tracker.mht.track_trees import MhtFixedLagSmoother, TrackHypotheses, initiated, predict
+from tracker.mht.track_trees import MhtFixedLagSmoother, TrackHypotheses, initiated, predict, survived
 from tracker.tracks.crowding import Crowding
 from tracker.tracks.measurement_noise import MeasurementNoise
 from tracker.tracks.parameters import MhtParameters
@@ -75,12 +76,13 @@ class NewLeaves:
     """The n leaves of a tick before they are pruned.
 
     parent (n,): row of the leaf of the last tick, −1 for a root. box (n, V): row of BoxTable that each leaf takes in each view, −1 for none.
+    conflict (n, n): which two are never both true.
     """
 
     leaves: TrackHypotheses
     parent: Ints
     box: Ints
-    conflicts: Conflicts
+    conflict: Mask
 
 
 class Rivals(NamedTuple):
@@ -117,7 +119,7 @@ class MhtFilter:
         self.n_scan = round(parameters.n_scan / setup.period)
         self.window = max(self.n_scan, delay) + 1
         self.leaves = TrackHypotheses.none(self.window)
-        self.conflicts = Conflicts(np.zeros((0, 0), dtype=bool), np.zeros((0, 0)))
+        self.conflict = np.zeros((0, 0), dtype=bool)  # (n, n): which two leaves are never both true
         self.best = np.zeros(0, dtype=np.int64)  # rows of the leaves in the global hypothesis
         self.kept = np.zeros((0, 1), dtype=bool)  # which leaves each hypothesis holds; the last column is for roots, whose parent is −1
         self._owners = TrackOwners()
@@ -132,7 +134,7 @@ class MhtFilter:
         children, rivals = self._branch(now)
         roots, doubt = self._initiate(now, children)
         new = self._updated_leaves(now, roots, self._extended(now, children, roots))
-        chosen = self.search.solve(new.leaves, new.conflicts, self.kept[:, new.parent], self._ticks + 1_000_003 * self.parameters.seed)
+        chosen = self.search.solve(new.leaves, new.conflict, self.kept[:, new.parent], self._ticks + 1_000_003 * self.parameters.seed)
         self._own_boxes(now, new, chosen.best)
         leaves, fresh = self._confirmed(self._with_contested_boxes(now, new, chosen.best, rivals), chosen.best)
         new = replace(new, leaves=leaves)
@@ -162,7 +164,7 @@ class MhtFilter:
     def _branching_constants(self, views: list[GroundDetections]) -> BranchingConstants:
         q, (low, high) = self.parameters, self.setup.height
         missed_by_all = self.sensor_model.joint_miss(views)
-        return BranchingConstants(q.gate, q.motion.foot_spread, low, high, missed_by_all, q.min_ratio, q.margin, q.beam_width, q.max_children)
+        return BranchingConstants(q.gate, q.motion.foot_spread, low, high, missed_by_all, q.margin, q.beam_width, q.max_children)
 
     def _branch(self, now: Observation) -> tuple[ChildHypotheses, Rivals]:
         """The children of all leaves, each by itself and jointly; and the tracks that compete for boxes."""
@@ -170,7 +172,7 @@ class MhtFilter:
         parents = ParentHypotheses.of(leaves, self.setup.ground, now.missed, self._image_links(now))
         joint, ratio = assign_jointly(now.active, parents, table, now.limits)
         children = union(branch(parents, table, now.limits), joint)
-        kept = prune_branches(children, leaves.tree, leaves.misses, self.parameters.uncontested_margin, len(table.usable))
+        kept = prune_branches(children, leaves.tree, leaves.misses, self.parameters.uncontested_margin, len(table.cut))
         return ChildHypotheses._make(column[kept] for column in children), Rivals(leaves.tree[now.active], leaves.confirmed[now.active], ratio)
 
     def _image_links(self, now: Observation) -> Array:
@@ -191,24 +193,14 @@ class MhtFilter:
                 self._owners.add(boxes.camera, owner)
 
     def _initiate(self, now: Observation, children: ChildHypotheses) -> tuple[Roots, list[Array]]:
-        """Unassigned boxes that may be new people, without those near a track without a box in their views; and `_doubt` of all boxes."""
+        """Unassigned boxes that may be new people; and `_doubt` of all boxes."""
         leaves, table = now.leaves, now.table
-        first = np.concatenate([[True], children.parent[1:] != children.parent[:-1]]) if len(children.parent) else np.zeros(0, dtype=bool)
         # A track that is detected again after a gap may be another person.
         trees = _one_leaf_per_tree(leaves, self.best)
         taken = assigned_boxes(trees[(leaves.misses[trees] < 2) & ~leaves.deleted[trees]], children, table)
-        free = [~taken[start:end] & table.usable[start:end] for start, end in itertools.pairwise(table.start.tolist())]
+        free = [~taken[start:end] for start, end in itertools.pairwise(table.start.tolist())]
         groups = group_across_views([self.sensor_model.corrected(boxes) for boxes in now.views], free, self.setup.height, self.parameters.fusion)
         doubt = _doubt(now.views, groups, self.parameters.supported)
-        sure = [self.sensor_model.may_start(f) for f in now.views]
-        groups = [g for g in groups if any(sure[v][d] for v, d in g.members)]
-        place, seen = children.state[first, :2], children.box[first] >= 0
-        recent = (leaves.misses < 3) & ~leaves.deleted
-        known, reach = [], self.crowding.merge_distance(self.parameters.merge_distance)
-        for g in groups:
-            near = np.linalg.norm(place - g.point, axis=1) < reach
-            known.append((near & recent & ~seen[:, [v for v, _ in g.members]].any(axis=1)).any())
-        groups = [g for g, k in zip(groups, known, strict=True) if not k]
         rate = self.sensor_model.arrival_rate(self._ticks, self.crowding.arrivals)
         score = self.sensor_model.initiation_score(now.views, now.cameras, groups, _tracks(leaves.select(self.best)), rate)
         return Roots(groups, score), doubt
@@ -228,22 +220,20 @@ class MhtFilter:
         leaves.node[:, 0] = self._next_node + np.arange(len(leaves))
         self._next_node += len(leaves)
         parent = np.concatenate([children.parent, np.full(len(new), -1, dtype=np.int64)])
-        missed = np.vstack([now.missed[children.parent], np.zeros((len(new), len(table.origin)))])
-        rows = ConflictRows(leaves.tree, box, leaves.state[:, :2], leaves.deleted, missed)
-        limits = MergeLimits(self.crowding.merge_distance(q.merge_distance), q.merge_step, q.split_share)
-        return NewLeaves(leaves, parent, box, conflicts_of(self.conflicts, parent, rows, table.existence_ratio, limits))
+        return NewLeaves(leaves, parent, box, conflicts_of(self.conflict, parent, leaves.tree, box))
 
     def _grown(self, now: Observation, children: ChildHypotheses) -> TrackHypotheses:
         """The leaves that the children are."""
         parents, detected = now.leaves.select(children.parent), (children.box >= 0).any(axis=1)
         # The likelihood of a place tells whose box it is, not whether there is a person.
-        existence = np.append(now.table.existence_ratio, 0.0)[children.box].sum(axis=1) + children.missed
+        boxes = np.append(now.table.existence_ratio, 0.0)[children.box].sum(axis=1)
+        existence = survived(parents.existence, self.setup.period / self.parameters.residence) + boxes + children.missed
         expected_misses = np.where(detected, 0.0, parents.expected_misses + 1 - np.exp(now.missed[children.parent].sum(axis=1)))
         states, covariances, detections = parents.states.copy(), parents.covariances.copy(), parents.detected.copy()
         states[:, 0], covariances[:, 0], detections[:, 0] = children.state, children.covariance, detected
         return replace(
             parents, state=children.state, covariance=children.covariance, score=parents.score + children.increment,
-            existence=np.clip(parents.existence + existence, -20.0, self.parameters.max_score),
+            existence=existence,
             hits=parents.hits + detected, misses=np.where(detected, 0, parents.misses + 1),
             states=states, covariances=covariances, detected=detections, unselected=parents.unselected + 1, expected_misses=expected_misses,
             out_of_view=np.where(now.bodies.in_any_view(now.cameras)[children.parent] | detected, 0, parents.out_of_view + bool(now.cameras)),
@@ -311,12 +301,12 @@ class MhtFilter:
         """The leaves, those of the global hypothesis confirmed or deleted; and the trees that are confirmed for the first time."""
         q = self.parameters
         sure = np.zeros(len(leaves), dtype=bool)
-        sure[best] = (leaves.hits[best] >= q.n_conf) & (leaves.existence[best] >= q.confirm_score) & (leaves.misses[best] == 0)
+        sure[best] = (leaves.hits[best] >= q.n_conf) & (leaves.existence[best] >= logit(q.report)) & (leaves.misses[best] == 0)
         unselected, confirmed = leaves.unselected.copy(), leaves.confirmed | sure
         unselected[best] = 0
         fresh = set(leaves.tree[sure].tolist()) - set(leaves.tree[leaves.confirmed].tolist())
         # Deleted tracks stay while the fixed-lag smoother may report their last ticks.
-        gone = (leaves.existence < q.delete_confirmed_score) | self._has_left(leaves)
+        gone = (leaves.existence < logit(q.forget)) | self._has_left(leaves)
         return replace(leaves, unselected=unselected, confirmed=confirmed, deleted=leaves.deleted | (confirmed & gone)), fresh
 
     def _has_left(self, leaves: TrackHypotheses) -> Mask:
@@ -356,8 +346,7 @@ class MhtFilter:
         rows = np.flatnonzero(keep)
         number = np.full(len(keep), -1)
         number[rows] = np.arange(len(rows))
-        among = np.ix_(rows, rows)
-        self.leaves, self.conflicts = new.leaves.select(rows), Conflicts(new.conflicts.conflict[among], new.conflicts.same_person[among])
+        self.leaves, self.conflict = new.leaves.select(rows), new.conflict[np.ix_(rows, rows)]
         self.best = number[chosen.best][keep[chosen.best]]
         self.kept = np.pad(chosen.hypotheses[:, rows], ((0, 0), (0, 1)))
 

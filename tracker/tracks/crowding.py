@@ -1,6 +1,6 @@
 """How crowded it is, by the distances of tracked people to their nearest neighbours.
 
-From it follow the distance within which two tracks may be one person, and the rate of new people.
+From it follows the rate of new people.
 
 Among people at random places of density λ, the mean distance to the nearest one is 1 / (2 √λ) (Clark & Evans 1954).
 """
@@ -13,8 +13,6 @@ from tracker.geometry import Array
 
 LEAST, MEMORY = 4, 3.0
 """Tracks from which on distances tell anything, and s of the average."""
-SEPARATION = 0.8
-"""Share of the distance of neighbours within which two tracks may be one person."""
 USUAL_DENSITY = 0.15
 """People a square metre up to which the rate of new people stays as it is; above, it grows in proportion."""
 
@@ -35,10 +33,6 @@ class Crowding:
         np.fill_diagonal(apart, np.inf)
         now = float(np.mean(apart.min(axis=1)))
         self.distance = now if not np.isfinite(self.distance) else self.distance + self._share * (now - self.distance)
-
-    def merge_distance(self, most: float) -> float:
-        """m: distance within which two tracks may be one person, at most `most`."""
-        return min(most, SEPARATION * self.distance)
 
     @property
     def arrivals(self) -> float:

@@ -37,7 +37,7 @@ COVER_MIDDLES = np.array([0.0, 0.12, 0.3, 0.5, 0.7, 0.9])
 class DetectionRateParameters:
     """Prior counts, memory and bounds."""
 
-    learned: bool = False  # whether it is learned what a confidence says; else it is a probability
+    learned: bool = True  # whether it is learned what a confidence says; else it is a probability
     top_share: float = 0.6  # share of the prior counts in the highest class of confidences that are probabilities
     detection: float = 0.9  # prior detection rate of people in full view
     weight: float = 30.0  # people for which that rate counts
@@ -46,8 +46,6 @@ class DetectionRateParameters:
     memory: float = 150.0  # ticks, time constant with which counts fade
     watched: float = 15.0  # m, radius of the ground on which false boxes are counted where no area is set
     log_ratios: tuple[float, float] = (1.0, 8.5)  # prior of log_ratio in the lowest and the highest class of confidence
-    shares: tuple[float, float] = (0.1, 0.95)  # prior share of people in the lowest and the highest class of confidence
-    weight_share: float = 10.0  # boxes of a class for which that share counts
     min_detection: float = 0.2  # least detection rate
     max_detection: float = 0.97  # greatest detection rate
     behind_things: tuple[float, ...] = (0.85, 0.6, 0.3, 0.15, 0.05)  # prior relative detection rates of people behind objects, by classes of cover
@@ -114,15 +112,6 @@ class DetectionRates:
         false = rising * q.weight_false * self.ground_area * np.exp(-np.linspace(*q.log_ratios, RANKS))
         faded = np.exp(-(c.steps / q.memory))
         return np.asarray(np.log(scale * self._calibrated(camera).odds(confidence, faded * q.weight * rising, faded * false)))
-
-    def share(self, camera: str, confidence: Array) -> Array:
-        """Probability (n,) that boxes of such confidence (n,) are of people."""
-        q = self.parameters
-        if not q.learned:
-            return confidence
-        prior = q.weight_share * np.linspace(*q.shares, RANKS)
-        odds = self._calibrated(camera).odds(confidence, prior, q.weight_share - prior)
-        return np.asarray(odds / (1 + odds))
 
     def relative_detection(self, camera: str, cover: Array) -> Array:
         """Detection rate (n,) of people covered by shares (n, 2) by objects and by people, relative to people in full view."""

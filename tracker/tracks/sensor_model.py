@@ -65,20 +65,6 @@ class SensorModel:
         for feet in views:
             self.detection_rates.observe(feet.camera, feet.confidence)
 
-    def usable(self, feet: GroundDetections) -> Mask:
-        """Which boxes (n,) are likely enough of people to count at all."""
-        return self._probable(feet, self.parameters.usable)
-
-    def may_start(self, feet: GroundDetections) -> Mask:
-        """Which boxes (n,) are likely enough of people to initiate tracks."""
-        return self._probable(feet, self.parameters.initiation)
-
-    def _probable(self, feet: GroundDetections, least: tuple[float, float]) -> Mask:
-        """Which boxes (n,) are of people with a probability of at least `least`, as given and as learned."""
-        given, learned = least
-        share = self.detection_rates.share(feet.camera, feet.confidence)
-        return np.asarray(share >= (learned if self.detection_rates.parameters.learned else given))
-
     def missed(self, camera: str, expected: Array) -> Array:
         """Log-likelihood (n,) of a missed detection in `camera`; expected (n,): relative detection rate, 0 to 1, of each person."""
         return np.asarray(np.log(1 - self.detection(camera) * expected))
