@@ -132,7 +132,7 @@ def _beam_search(i: int, parents: Any, boxes: Any, limits: Any, gated: Ints, ban
                 if d < 0 or banned[d]:
                     continue
                 ratio = log_likelihood(predicted, beam.state[b], beam.covariance[b], v, d, boxes, limits) + parents.links[i, d]
-                if ratio > missed - limits.margin:
+                if ratio > missed - limits.margin and ratio + boxes.weakness[d] > limits.least_fit:
                     score[extended], source[extended], taken[extended] = beam.increment[b] + ratio, b, d
                     extended += 1
         chosen = np.argsort(-score[:extended], kind="mergesort")[: len(beam.increment)]

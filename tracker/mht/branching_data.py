@@ -81,6 +81,7 @@ class BoxTable(NamedTuple):
     head_slope (D,): tangent of the elevation of the upper edge.
     detection_ratio (D,): log of the detection rate over the density of false boxes a steradian. existence_ratio (D,): log-likelihood ratio of a
     person over clutter, whatever the direction.
+    weakness (D,): by how much existence_ratio is less than that of the most confident box of the view at this tick.
     cut (D,): the lower edge is at the image's edge; stature (D,): the upper edge measures statures; ambiguous (D,): row of `ranges`, or −1.
     """
 
@@ -94,6 +95,7 @@ class BoxTable(NamedTuple):
     head_slope: Array
     detection_ratio: Array
     existence_ratio: Array
+    weakness: Array
     cut: Mask
     stature: Mask
     ambiguous: Ints
@@ -114,10 +116,11 @@ class BoxTable(NamedTuple):
         on_ground = [sensors.log_ratio(f) for f in views]
         seen = [np.minimum(r - sensors.log_ground(f), m) for r, f, m in zip(on_ground, views, most, strict=True)]
         ratio, existence = np.concatenate([np.zeros(0), *seen]), np.concatenate([np.zeros(0), *on_ground])
+        weakness = np.concatenate([np.zeros(0), *(r.max(initial=-np.inf) - r for r in on_ground)])
         ambiguous, known = column("ambiguous", ()) > 0, np.repeat([f.known for f in views], np.diff(start))
         return BoxTable(
             origin, bias, sensors.registration_bias.centre, start, column("direction", (3,)), column("covariance", (2, 2)), column("feet_hidden", ()),
-            np.tan(column("head_elevation", ())), ratio, np.minimum(existence, q.max_gain),
+            np.tan(column("head_elevation", ())), ratio, np.minimum(existence, q.max_gain), weakness,
             column("cut", ()) > 0, known.astype(bool), np.where(ambiguous, np.cumsum(ambiguous) - 1, -1), RangeTable.of(views, q.fusion.ranges),
         )  # fmt: skip
 
@@ -127,6 +130,7 @@ class BranchingConstants(NamedTuple):
 
     gate: standard deviations; foot_spread m; min_height, max_height m of a person. missed_by_all: least log-likelihood of missed detections in all
     views at once. margin: log-likelihood by which a child may be worse than the best one.
+    least_fit: log-likelihood ratio that a box would have for the place of a leaf, were it the most confident one of its view, at least.
     beam_width, max_children: partial children and children that are kept.
     """
 
@@ -136,6 +140,7 @@ class BranchingConstants(NamedTuple):
     max_height: float
     missed_by_all: float
     margin: float
+    least_fit: float
     beam_width: int
     max_children: int
 

@@ -18,24 +18,22 @@ NO_ALTERNATIVE = 50.0
 """Log-likelihood ratio of a box over none, where every child of a leaf takes a box of that view."""
 
 
-def assign_jointly(rows: Ints, parents: ParentHypotheses, boxes: BoxTable, limits: BranchingConstants) -> tuple[ChildHypotheses, Array]:
+def assign_jointly(rows: Ints, parents: ParentHypotheses, boxes: BoxTable, limits: BranchingConstants) -> ChildHypotheses:
     """One child for each leaf in `rows` (k,) of a global hypothesis, by a 2-D assignment of boxes to leaves in one view after another.
 
     Children that are found leaf by leaf are rarely compatible where people stand close together in many views.
-    Also returned: the log-likelihood ratio (k, D) of each box over a missed detection, 0 where it is not taken.
     """
     k, V = len(rows), len(boxes.origin)
-    out, ratio = ChildHypotheses(*empty_children(k, V)), np.zeros((k, len(boxes.cut)))
+    out = ChildHypotheses(*empty_children(k, V))
     out.parent[:] = rows
     out.state[:], out.covariance[:] = parents.state[rows], parents.covariance[rows]
     for v in _joint_view_order(rows, parents, boxes):
         over_none = np.maximum(_pairwise_ratios(v, rows, parents, boxes, limits, out) - parents.missed[rows, v, None], 0.0)
-        ratio[:, boxes.start[v] : boxes.start[v + 1]] = over_none
         i, d = _assign(over_none)
         box = np.full(k, -1)
         box[i] = d + boxes.start[v]
         _update_all(v, box, parents, boxes, limits, out)
-    return out, ratio
+    return out
 
 
 def assigned_boxes(rows: Ints, children: ChildHypotheses, boxes: BoxTable) -> Mask:
@@ -92,7 +90,7 @@ def _pairwise_ratios(v: int, rows: Ints, parents: Any, boxes: Any, limits: Any, 
         predict_measurement(children.state[k], i, parents, boxes.origin[v], predicted)
         for d in gated[:found]:
             ratio = log_likelihood(predicted, children.state[k], children.covariance[k], v, d, boxes, limits) + parents.links[i, d]
-            if ratio > 0.0:
+            if ratio + boxes.weakness[d] > limits.least_fit:
                 out[k, d - first] = ratio
     return out
 

@@ -39,7 +39,6 @@ from tracker.mht.joint_assignment import assign_jointly, assigned_boxes, union
 from tracker.mht.negative_information import ExpectedVisibility
 from tracker.mht.pruning import prune_branches, surviving_leaves
 from tracker.mht.track_trees import MhtFixedLagSmoother, TrackHypotheses, initiated, predict, survived
-from tracker.tracks.crowding import Crowding
 from tracker.tracks.measurement_noise import MeasurementNoise
 from tracker.tracks.parameters import MhtParameters
 from tracker.tracks.reidentification import Appearance, NewTargetModel, Reidentification
@@ -85,14 +84,6 @@ class NewLeaves:
     conflict: Mask
 
 
-class Rivals(NamedTuple):
-    """Tracks of the last global hypothesis: tree (k,), confirmed (k,), and log-likelihood ratio (k, D) of each box over a missed detection."""
-
-    tree: Ints
-    confirmed: Mask
-    ratio: Array
-
-
 class Roots(NamedTuple):
     """New people: groups of boxes, and the log-likelihood ratio (g,) of each over clutter."""
 
@@ -107,7 +98,6 @@ class MhtFilter:
         """delay: ticks that the tracks remember at least."""
         self.setup, self.parameters = setup, parameters
         self.sensor_model = SensorModel(setup, parameters)
-        self.crowding = Crowding(setup.period)
         ranges = parameters.fusion.ranges
         self._stature = ranges.stature, ranges.stature_sigma
         self._walkable = WalkablePrior.of(setup.ground, setup.occluders, ranges.walkability)
@@ -131,18 +121,17 @@ class MhtFilter:
         """Take one tick; cameras: the viewpoint of each view. The tracks (k,) of the global hypothesis, and which are present."""
         self._ticks += 1
         now = self._observation([self.noise.inflated(boxes) for boxes in views], cameras)
-        children, rivals = self._branch(now)
+        children = self._branch(now)
         roots, doubt = self._initiate(now, children)
         new = self._updated_leaves(now, roots, self._extended(now, children, roots))
         chosen = self.search.solve(new.leaves, new.conflict, self.kept[:, new.parent], self._ticks + 1_000_003 * self.parameters.seed)
         self._own_boxes(now, new, chosen.best)
-        leaves, fresh = self._confirmed(self._with_contested_boxes(now, new, chosen.best, rivals), chosen.best)
+        leaves, fresh = self._confirmed(new.leaves, chosen.best)
         new = replace(new, leaves=leaves)
         self._learn(now, children, new, chosen.best, doubt)
         new = replace(new, leaves=self._reidentified(leaves, chosen.best, fresh))
         self._prune(new, chosen)
         people = self.leaves.select(self.best)
-        self.crowding.learn(people.state[people.confirmed & ~people.deleted, :2])
         # Ticks at which no view could have had a box do not count as a gap.
         present = people.confirmed & ~people.deleted & (people.expected_misses <= self._max_gap)
         present &= (people.misses == 0) | (people.position_sigma <= self.parameters.report_sigma)
@@ -164,16 +153,15 @@ class MhtFilter:
     def _branching_constants(self, views: list[GroundDetections]) -> BranchingConstants:
         q, (low, high) = self.parameters, self.setup.height
         missed_by_all = self.sensor_model.joint_miss(views)
-        return BranchingConstants(q.gate, q.motion.foot_spread, low, high, missed_by_all, q.margin, q.beam_width, q.max_children)
+        return BranchingConstants(q.gate, q.motion.foot_spread, low, high, missed_by_all, q.margin, q.least_fit, q.beam_width, q.max_children)
 
-    def _branch(self, now: Observation) -> tuple[ChildHypotheses, Rivals]:
-        """The children of all leaves, each by itself and jointly; and the tracks that compete for boxes."""
+    def _branch(self, now: Observation) -> ChildHypotheses:
+        """The children of all leaves, each by itself and jointly."""
         leaves, table = now.leaves, now.table
         parents = ParentHypotheses.of(leaves, self.setup.ground, now.missed, self._image_links(now))
-        joint, ratio = assign_jointly(now.active, parents, table, now.limits)
-        children = union(branch(parents, table, now.limits), joint)
+        children = union(branch(parents, table, now.limits), assign_jointly(now.active, parents, table, now.limits))
         kept = prune_branches(children, leaves.tree, leaves.misses, self.parameters.uncontested_margin, len(table.cut))
-        return ChildHypotheses._make(column[kept] for column in children), Rivals(leaves.tree[now.active], leaves.confirmed[now.active], ratio)
+        return ChildHypotheses._make(column[kept] for column in children)
 
     def _image_links(self, now: Observation) -> Array:
         """Log-likelihood ratio (n, D) of each box for each leaf by images: appearance, and tracklets from the boxes that its tree took before."""
@@ -201,7 +189,7 @@ class MhtFilter:
         free = [~taken[start:end] for start, end in itertools.pairwise(table.start.tolist())]
         groups = group_across_views([self.sensor_model.corrected(boxes) for boxes in now.views], free, self.setup.height, self.parameters.fusion)
         doubt = _doubt(now.views, groups, self.parameters.supported)
-        rate = self.sensor_model.arrival_rate(self._ticks, self.crowding.arrivals)
+        rate = self.sensor_model.arrival_rate(self._ticks)
         score = self.sensor_model.initiation_score(now.views, now.cameras, groups, _tracks(leaves.select(self.best)), rate)
         return Roots(groups, score), doubt
 
@@ -279,23 +267,6 @@ class MhtFilter:
         states, covariances = leaves.states.copy(), leaves.covariances.copy()
         states[:, 0], covariances[:, 0] = state, covariance
         return replace(leaves, state=state, covariance=covariance, states=states, covariances=covariances)
-
-    def _with_contested_boxes(self, now: Observation, new: NewLeaves, best: Ints, rivals: Rivals) -> TrackHypotheses:
-        """The leaves; existence scores are less for those in the global hypothesis whose boxes another track would take."""
-        leaves, (tree, known, ratio) = new.leaves, rivals
-        if not ratio.size:
-            return leaves
-        view, existence = np.repeat(np.arange(len(now.views)), np.diff(now.table.start)), leaves.existence.copy()
-        row, column = np.nonzero(tree[:, None] == leaves.tree[best])
-        has = new.box[best[column]]
-        taken = np.zeros((len(tree), len(now.views)))
-        taken[row] = np.where(has >= 0, ratio[row[:, None], has], 0.0)
-        more = np.maximum(ratio - taken[:, view], 0.0)
-        for leaf in best:
-            rival = (tree != leaves.tree[leaf]) & (known | ~leaves.confirmed[leaf])
-            box = new.box[leaf][new.box[leaf] >= 0]
-            existence[leaf] -= np.minimum(more[np.ix_(rival, box)].max(axis=0, initial=0.0), np.maximum(now.table.existence_ratio[box], 0.0)).sum()
-        return replace(leaves, existence=existence)
 
     def _confirmed(self, leaves: TrackHypotheses, best: Ints) -> tuple[TrackHypotheses, set[int]]:
         """The leaves, those of the global hypothesis confirmed or deleted; and the trees that are confirmed for the first time."""

@@ -27,6 +27,7 @@ class MhtParameters:
     initial_density: float = 2e-2  # people in the first tick, a square metre
     clutter: float = 1.0  # least density of false boxes of a view, a steradian
     max_gain: float = 6.0  # greatest log-likelihood ratio of one box
+    least_fit: float = 0.0  # least log-likelihood ratio that a box would have where a leaf stands, were it the most confident one of its view
     gate: float = 4.0  # standard deviations of the innovation
     delta_a: float = 9 / 7  # s, longest gap of a track that is bridged
     coasting_factor: float = 3.0  # of delta_a, time for which a track without boxes coasts before its deletion, unreported

@@ -138,10 +138,10 @@ class SensorModel:
         box, person = linear_sum_assignment(within, maximize=True)
         return free[box[within[box, person] > 0]]
 
-    def arrival_rate(self, ticks: int, crowding: float) -> float:
-        """New people a square metre and tick. ticks: number of ticks so far, this one included. crowding: as Crowding.arrivals."""
+    def arrival_rate(self, ticks: int) -> float:
+        """New people a square metre and tick. ticks: number of ticks so far, this one included."""
         q = self.parameters
-        return float(q.arrival_rate * crowding + q.initial_density * np.exp(-(ticks - 1) * self.setup.period / 0.3))
+        return float(q.arrival_rate + q.initial_density * np.exp(-(ticks - 1) * self.setup.period / 0.3))
 
     def initiation_score(
         self, views: list[GroundDetections], cameras: list[Viewpoint], groups: list[CrossViewGroup], others: Tracks, rate: float
