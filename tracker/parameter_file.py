@@ -2,7 +2,7 @@
 
     max_gain = 5.2
     "motion.foot_spread" = 0.3
-    "usable.0" = 0.4
+    "detection_rates.log_ratios.0" = 0.5
 
 A path leads through the parts of tracker.tracks.parameters.MhtParameters; a number in it is a place in a tuple.
 """

@@ -30,9 +30,9 @@ class Check:
 
     Another source with fixed cameras is a recording of one's own, WILDTRACK or
     PETS 2009, for instance. The command prints a line a camera, and what looks wrong.
-    It tells of units (mm, cm), of R or t in the other direction, of camera axes, of
-    boxes of other or mirrored images, of frames that are numbered otherwise, of frames
-    without boxes, of swapped cameras, and of images that do not fit the boxes.
+    It tells of units (mm, cm), of R or t in the other direction, and of camera axes.
+    It tells of boxes of other or mirrored images, and of swapped cameras. It tells of
+    frames that are numbered otherwise or have no boxes, and of images that do not fit.
 
     The exit code is 0 where nothing is wrong, and 2 where an error is named. It is 1
     where the boxes fit nothing and no error is known that explains it.

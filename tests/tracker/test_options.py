@@ -18,8 +18,8 @@ def test_no_options_are_the_defaults() -> None:
 def test_every_option_reaches_its_parameter() -> None:
     plain = parameters_from({"slam": "ekf", "iterations": 5, "correction": "off"}).slam
     assert (plain.mode, plain.iterations, plain.correction) == ("iekf", 1, False)
-    people = parameters_from({"theta_s": 0.5, "v_max": 2.0, "delta_a": 1.0, "n_conf": 3, "delay": 4, "images": True, "l_c": 6})
-    assert (people.targets.merge_distance, people.targets.motion.v_max, people.targets.delta_a, people.targets.n_conf) == (0.5, 2.0, 1.0, 3)
+    people = parameters_from({"v_max": 2.0, "delta_a": 1.0, "n_conf": 3, "delay": 4, "images": True, "l_c": 6})
+    assert (people.targets.motion.v_max, people.targets.delta_a, people.targets.n_conf) == (2.0, 1.0, 3)
     assert people.delay == 4
     assert people.images.tracklets is not None
     assert people.images.tracklets.l_c == 6

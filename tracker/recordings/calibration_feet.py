@@ -76,7 +76,7 @@ class Feet:
     """Feet of one camera on the ground: frame (n,); point (n, 2) m, NaN where a line of sight does not meet the ground; height, error (n,) m.
 
     height: of a body that stands there and reaches to the upper edge of the box; NaN as above.
-    error: of the place where the lower edge of the box misses the feet by a tenth of the body: it grows with the distance over the camera's height.
+    error: of the place where the lower edge misses the feet by a tenth of the body. It grows with the distance over the camera's height.
     """
 
     frame: Ints

@@ -192,7 +192,8 @@ class ConfidenceCalibration:
         """Odds (n,) that boxes of such confidence (n,) are of people. found, false (RANKS,): prior counts, from the lowest to the highest rank."""
         if not len(confidence):
             return np.zeros(0)
-        ranked = self._ranked
+        # Before the first tick no box is ranked, and all have the middle rank.
+        ranked = self._ranked if len(self._ranked) else np.zeros(1)
         # A prior count lies at a quantile of the boxes seen, drawn to the middle of the ranks where few were.
         rank = (np.arange(RANKS) + 0.5) / RANKS
         n = len(ranked)

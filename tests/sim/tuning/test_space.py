@@ -86,9 +86,10 @@ def test_files_of_parameters_give_back_what_was_written(values: dict[str, bool |
 
 def test_parameters_reach_the_tracker_and_options_override_them(tmp_path: Path) -> None:
     path = tmp_path / "best.toml"
-    path.write_text('max_gain = 5\n"usable.0" = 0.2\nn_conf = 4\n[motion]\nfoot_spread = 0.3\n')
+    path.write_text('max_gain = 5\n"detection_rates.log_ratios.0" = 0.2\nn_conf = 4\n[motion]\nfoot_spread = 0.3\n')
     people = parameters_from({"parameters": path, "n_conf": 3}).targets
-    assert (people.max_gain, people.usable, people.n_conf, people.motion.foot_spread) == (5.0, (0.2, MhtParameters().usable[1]), 3, 0.3)
+    assert (people.max_gain, people.n_conf, people.motion.foot_spread) == (5.0, 3, 0.3)
+    assert people.detection_rates.log_ratios == (0.2, MhtParameters().detection_rates.log_ratios[1])
     assert parameters_from({"parameters": read_parameters(path), "n_conf": 3}).targets == people
     path.write_text("n_conf = 2.5")
     with pytest.raises(ValueError, match=rf"^{path}: parameter n_conf is 2.5, needs a whole number$"):

@@ -14,7 +14,6 @@ from tracker.detections.ground_points import GroundDetections, project_to_ground
 from tracker.detections.rejections import (
     BOXES,
     HIDDEN_FEET,
-    LOW_CONFIDENCE,
     NO_GROUND,
     NO_POSE,
     OUTSIDE,
@@ -24,7 +23,7 @@ from tracker.detections.rejections import (
     count_rejections,
     explain_few_people,
 )
-from tracker.geometry import Mask, Pose, bearing_from_angles
+from tracker.geometry import Pose, bearing_from_angles
 from tracker.geometry.cameras import Panorama
 from tracker.geometry.ground import Flat
 from tracker.pipeline import Parameters, track
@@ -33,10 +32,8 @@ from tracker.types import Detections, Mount, Setup, Start
 
 MOUNT = Mount(Panorama(1024, 512), Pose(np.eye(3), np.array([0.0, 0.0, EYE])), "r")
 SETUP = Setup({"r": MOUNT}, Flat(), {"r": Start(Pose.identity(), np.zeros((6, 6)))}, 1 / 6, area=np.array([[-9.0, -9.0], [9.0, 9.0]]))
-CONFIDENCE = 0.8
 
 ROWS = {
-    LOW_CONFIDENCE: (0.5, 5.0, 1.7, 0.7),
     NO_GROUND: (1.0, 100.0, 1.7, 0.9),
     TOO_LOW: (1.5, 5.0, 1.2, 0.9),
     TOO_HIGH: (2.0, 5.0, 2.5, 0.9),
@@ -59,13 +56,8 @@ def feet(rows: list[tuple[float, float, float, float]]) -> GroundDetections:
     return project_to_ground(SETUP, "r", boxes(rows), (Pose.identity(), np.zeros((6, 6))), PARAMETERS)
 
 
-def sure(view: GroundDetections) -> tuple[GroundDetections, Mask]:
-    """The boxes of a view, and which of them are confident."""
-    return view, view.confidence >= CONFIDENCE
-
-
 def test_each_box_is_counted_by_the_first_gate_that_stops_it() -> None:
-    counts = count_rejections([sure(feet(list(ROWS.values())))], SETUP, PARAMETERS)
+    counts = count_rejections([feet(list(ROWS.values()))], SETUP, PARAMETERS)
     assert counts == {BOXES: len(ROWS)} | dict.fromkeys(ROWS, 1)
 
 
@@ -74,8 +66,8 @@ def test_boxes_that_no_gate_stops_are_those_that_the_tracker_groups() -> None:
     rng = np.random.default_rng(0)
     rows = [(rng.uniform(-3, 3), rng.uniform(1, 80), rng.uniform(1.2, 2.5), rng.uniform(0, 1)) for _ in range(200)]
     view, setup = feet(rows), replace(SETUP, area=None)
-    counts = count_rejections([sure(view)], setup, PARAMETERS)
-    groups = group_across_views([view], [sure(view)[1]], setup.height, PARAMETERS)
+    counts = count_rejections([view], setup, PARAMETERS)
+    groups = group_across_views([view], [np.ones(len(view), dtype=bool)], setup.height, PARAMETERS)
     assert counts[USABLE] == len(groups) > 5
     assert counts[BOXES] == 200 == sum(counts.values()) - counts[BOXES]
 
@@ -83,10 +75,8 @@ def test_boxes_that_no_gate_stops_are_those_that_the_tracker_groups() -> None:
 def test_the_line_has_all_reasons_with_their_bounds() -> None:
     counts = {BOXES: 36} | {name: k for k, name in enumerate((NO_POSE, *ROWS), 0)}
     assert explain_few_people(counts, 0, SETUP, PARAMETERS) == (
-        "no people: of 36 boxes 1 are not confident enough to begin a track (--confidence learned learns the scale of a detector), 2 have no"
-        " ground point (the lower edge is above the horizon or more than 60 m away), 3 are lower than 1.4 m, 4 are higher than 2.3 m,"
-        " 5 may hide the feet, 6 are outside the area,"
-        " 7 may begin a track, but are in too few frames"
+        "no people: of 36 boxes 1 have no ground point (the lower edge is above the horizon or more than 60 m away), 2 are lower than 1.4 m,"
+        " 3 are higher than 2.3 m, 4 may hide the feet, 5 are outside the area, 6 may begin a track, but are in too few frames"
     )
     assert explain_few_people(counts, 3, SETUP, PARAMETERS).startswith("few people: of 36 boxes")
     assert explain_few_people(counts, 4, SETUP, PARAMETERS) == ""
@@ -96,10 +86,7 @@ def test_the_line_has_all_reasons_with_their_bounds() -> None:
     ("counts", "line"),
     [
         ({BOXES: 0}, "no people: there are no boxes"),
-        (
-            {BOXES: 5, LOW_CONFIDENCE: 5},
-            "no people: of 5 boxes 5 are not confident enough to begin a track (--confidence learned learns the scale of a detector)",
-        ),
+        ({BOXES: 5, OUTSIDE: 5}, "no people: of 5 boxes 5 are outside the area"),
         ({}, ""),
     ],
 )

@@ -62,12 +62,12 @@ def with_confidence(tick: Tick, confidence: float) -> Tick:
     return replace(tick, views=tuple(views))
 
 
-def test_unconfident_boxes_neither_initiate_nor_sustain_a_track() -> None:
-    setup, ticks = standing([(-2.0, -2.0)], 60, np.random.default_rng(1))
-    assert all(len(e.target_id) == 0 for e in track(setup, [with_confidence(tick, 0.5) for tick in ticks]))
-    estimates = list(track(setup, [tick if k < 20 else with_confidence(tick, 0.5) for k, tick in enumerate(ticks)]))
-    assert len(estimates[19].target_id) == 1
-    assert len(estimates[-1].target_id) == 0
+def test_one_number_for_all_boxes_says_nothing() -> None:
+    """Whether it is high, low, or −1 for unknown: the boxes themselves tell."""
+    setup, ticks = standing([(-2.0, -2.0)], 20, np.random.default_rng(1))
+    first, *others = ([e.position.tolist() for e in track(setup, [with_confidence(tick, one) for tick in ticks])] for one in (0.9, 0.2, -1.0))
+    assert len(first[-1]) == 1
+    assert all(other == first for other in others)
 
 
 PEOPLE = np.array([[-2.0, -2.0], [2.0, 1.0], [0.0, 3.0], [3.0, -3.0]])

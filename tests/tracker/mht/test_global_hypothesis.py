@@ -62,12 +62,12 @@ def test_a_leaf_that_is_too_fast_to_be_kept_is_not_chosen() -> None:
     for tick in synthetic_crowd.ticks(setup, synthetic_crowd.paths(8, 15, rng), rng, clutter=0.2):
         tracker.step(tick)
     mht = tracker._people.filter
-    leaves, conflicts, none = mht.leaves, mht.conflicts, np.zeros((0, len(mht.leaves)), dtype=bool)
-    first = mht.search.solve(leaves, conflicts, none, 0).best
+    leaves, conflict, none = mht.leaves, mht.conflict, np.zeros((0, len(mht.leaves)), dtype=bool)
+    first = mht.search.solve(leaves, conflict, none, 0).best
     tree, count = np.unique(leaves.tree[leaves.score > 0], return_counts=True)
     fast = next(int(k) for k in first if leaves.tree[k] in tree[count > 1])
     state = leaves.state.copy()
     state[fast, 2:4] = 1.1 * mht.parameters.motion.v_max, 0.0
-    then = mht.search.solve(replace(leaves, state=state), conflicts, none, 0).best
+    then = mht.search.solve(replace(leaves, state=state), conflict, none, 0).best
     assert fast not in then
     assert leaves.tree[fast] in leaves.tree[then]
