@@ -117,7 +117,7 @@ def evaluate_files(truth: Path, result: Path, iou: float | None, area: Array | N
     """Scores of one MOT15 file against another: boxes that overlap by `iou`, or positions within 1 m if it is None.
 
     A truth that is the ground_truth.json of AI City is compared with a result file of that challenge, as evaluate_aicity.
-    A truth of boxes may be of MOT16 to MOT20, with nine columns: pedestrians are evaluated, and what is taken for people is ignored both ways.
+    A truth of boxes may be of MOT16 to MOT20, with nine columns. Then pedestrians are evaluated, and what is taken for people is ignored both ways.
     flagged: of rows with confidence 0; None for TrackEval's rule for boxes, and ignored both ways for positions.
     area: (2, 2) m or None, as MatchingFrame.within.
     Raises ValueError if positions are needed and a row has none, and for an area of boxes.
