@@ -78,7 +78,7 @@ class Bodies:
         return np.asarray(occluded_share(view.pose.translation, self.feet, self.tree, self.front, self.setup.pillars))
 
     def expected_detection(self, view: Viewpoint, reach: float, rows: Ints | None = None) -> Array:
-        """Detection rate (r,) of bodies in a view, relative to people in full view; occluders are known up to `reach` m.
+        """Detection rate (r,) of bodies in a view, relative to people in full view; nobody is detected, and no occluder known, beyond `reach` m.
 
         rows (r,): of the bodies, by default all.
         """
@@ -94,7 +94,9 @@ class Bodies:
         inside = camera.pixels_from_bearings(direction @ pose.rotation)[1].reshape(n, -1)
         if occluders is None:
             share = inside.mean(axis=1)
-            return np.asarray(share * self.relative_detection(view.name, self.occluded(view)[chosen]) * (share > 0.5))
+            # Feet beyond the reach have no ground point, so that no box is taken there.
+            seen = (share > 0.5) & (distance.reshape(n, -1)[:, 0] <= reach)
+            return np.asarray(share * self.relative_detection(view.name, self.occluded(view)[chosen]) * seen)
         behind = self._behind_people(origin)[chosen]
         visible = inside & ~_hidden(occluders, origin, direction.reshape(n, -1, 3), distance.reshape(n, -1), reach)
         return np.asarray(DETECTED_BY_POINTS[visible.sum(axis=1)] * inside.any(axis=1) * np.where(behind, DETECTED_BEHIND_PERSON, 1.0))

@@ -147,7 +147,10 @@ def check_calibration(recording: Recording) -> CalibrationReport:
     case = CalibrationCase.of(recording)
     moving = tuple(name for name in recording.cameras if name not in case.lenses)
     checks = tuple(_camera_check(case, name, camera) for name, camera in recording.fixed.items())
-    return CalibrationReport(checks, moving, (*_findings(case), *silent_frames(recording), *image_findings(recording)))
+    found = _findings(case)
+    # Boxes in every k-th frame leave the others without any.
+    silent = [] if any(finding.kind == "frames-stretched" for finding in found) else silent_frames(recording)
+    return CalibrationReport(checks, moving, (*found, *silent, *image_findings(recording)))
 
 
 def _findings(case: CalibrationCase) -> list[Finding]:

@@ -81,7 +81,7 @@ def exit_code(*words: str) -> int:
         ("demo --people -1", "people is -1"),
         ("demo --difficulty 1.5", "difficulty is 1.5, needs a number in [0, 1]"),
         ("demo --difficulty nan", "difficulty is nan"),
-        ("demo --world atlantis", "pilsun"),
+        pytest.param("demo --world atlantis", "pilsun", marks=pytest.mark.command),
         ("demo --width 1023", "width is 1023"),
     ],
 )

@@ -83,7 +83,8 @@ def test_scores_read_the_part_that_was_tracked(tmp_path: Path, kind: str, option
     assert evaluate(again, results)["targets"]["truths"] > 0
     boxes = [[view.detections.bearing.tolist() for tick in s.ticks for view in tick.views] for s in (sequence, again)]
     assert boxes[0] == boxes[1]
-    seen = [{k: ids.tolist() for k, (ids, _) in r.tracks.items() if len(ids)} for r in (results, tracked(again, tmp_path / "out", chosen.to_run()))]
+    both = results, tracked(again, tmp_path / "out", chosen.to_run())
+    seen = [{k: sorted(ids.tolist()) for k, (ids, _) in r.tracks.items() if len(ids)} for r in both]
     assert seen[0] == seen[1]
     other = SourceOptions.parse(frames="3:8")
     with pytest.raises(ValueError, match="holds another run") as error:

@@ -52,7 +52,7 @@ def test_people_are_kept_over_frames_that_were_not_searched() -> None:
     for recording in (lost(), searched(lost())):
         sequence = recording.sequence()
         found.append(evaluate(sequence, Results.of(track(sequence.setup, sequence.ticks), run={}))["targets"]["idf1"])
-    assert found[1] > found[0]
+    assert found[1] >= found[0] > 0.9
 
 
 @pytest.mark.parametrize("given", [[[3]], [[0, 4]], [[5, 2]], {"C9": [[1, 2]]}, 7, [["1", 2]]])
