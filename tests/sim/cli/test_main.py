@@ -261,7 +261,7 @@ def test_score_takes_one_of_two_forms(tmp_path: Path) -> None:
 @pytest.mark.command
 def test_published_score_by_command(data: Callable[..., Path]) -> None:
     folder = data("pets2009", "S2.L1", "mot15")
-    done = pilsim("score", "--truth", "gt.txt", "--result", "cem_result.txt", "--iou", "0.5", "--json", cwd=folder)
+    done = pilsim("score", "--truth", "gt.txt", "--result", "cem_result.txt", "--iou", "0.5", "--flagged", "counted", "--json", cwd=folder)
     targets = json.loads(done.stdout)["targets"]
     assert [round(targets["mota"], 3), targets["false_positives"], targets["misses"], targets["switches"]] == [0.850, 247, 420, 31]
 
