@@ -108,8 +108,7 @@ def corner_cameras(world: World, count: int, width: int) -> dict[str, FixedCamer
     """
     if count > len(CORNER_HEIGHTS):
         raise ValueError(f"views is {count}, a room has {len(CORNER_HEIGHTS)} corners")
-    i, j = np.nonzero(world.feet.free)
-    points = world.feet.origin + world.feet.spacing * np.stack([j, i], axis=1)
+    points = world.feet.points(world.feet.free)
     (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)
     camera, middle = pinhole(width, round(width * 0.75), CORNER_VIEW), np.array([(x0 + x1) / 2, (y0 + y1) / 2])
     target = np.array([*middle, float(world.terrain.height_at(middle[None])[0]) + CORNER_TARGET])
@@ -124,8 +123,7 @@ def corner_cameras(world: World, count: int, width: int) -> dict[str, FixedCamer
 def _camera_position(world: World, scene: _RayScene, k: int) -> Array | None:
     """The position (3,) m of a camera at the border in the k-th direction, or None where none is free."""
     angle = 2 * np.pi * (k + 0.5) / DIRECTIONS
-    i, j = np.nonzero(world.feet.clearance >= min(_MARGIN - 0.5, float(world.feet.clearance.max())))
-    points = world.feet.origin + world.feet.spacing * np.stack([j, i], axis=1)
+    points = world.feet.points(world.feet.clearance >= min(_MARGIN - 0.5, float(world.feet.clearance.max())))
     ahead = (points - points.mean(axis=0)) @ rotation_z(angle)[:2, :2]
     at = points[int(np.argmax(ahead[:, 0] - np.abs(ahead[:, 1])))]
     ground = float(world.terrain.height_at(at[None])[0])

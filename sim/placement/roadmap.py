@@ -81,12 +81,11 @@ def nearest(points: Array, nodes: Array) -> NDArray[np.int64]:
 
 def _nodes(space: FreeSpace, spacing: float) -> tuple[Array, NDArray[np.int64]]:
     """The node (n, 2) m of each cell with free ground, and the cell's column and row (n, 2)."""
-    i, j = np.nonzero(space.free)
-    points = space.origin + space.spacing * np.stack([j, i], axis=1)
+    points = space.points(space.free)
     cell = np.floor((points - space.origin) / spacing).astype(np.int64)
     # A clearance of 0.4 m is enough: beyond it, nodes near the middle of the cell are better.
     off = np.abs(points - space.origin - (cell + 0.5) * spacing).max(axis=1)
-    score = np.minimum(space.clearance[i, j], 0.4) - 0.25 * off
+    score = np.minimum(space.clearance[space.free], 0.4) - 0.25 * off
     order = np.lexsort((-score, cell[:, 0], cell[:, 1]))
     _, first = np.unique(cell[order], axis=0, return_index=True)
     chosen = order[np.sort(first)]

@@ -217,8 +217,7 @@ class Driver:
         """position (2,) m, or the nearest free grid point."""
         if self.wheels.free_at(position[None])[0]:
             return position
-        i, j = np.nonzero(self.wheels.free)
-        nodes = self.wheels.origin + self.wheels.spacing * np.stack([j, i], axis=1)
+        nodes = self.wheels.points(self.wheels.free)
         return nodes[int(np.argmin(((nodes - position) ** 2).sum(axis=1)))]
 
 

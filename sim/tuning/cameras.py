@@ -98,6 +98,5 @@ def _ground(around: Surroundings, place: Array) -> float:
 def _nearest_free(around: Surroundings, place: Array) -> Array:
     """The nearest place (2,) m with nothing beside it, so that no tree or wall stands before the camera."""
     free = around.free
-    i, j = np.nonzero(free.clearance > min(0.3, 0.5 * float(free.clearance.max())))
-    points = free.origin + free.spacing * np.stack([j, i], axis=1)
+    points = free.points(free.clearance > min(0.3, 0.5 * float(free.clearance.max())))
     return np.asarray(points[int(np.argmin(np.linalg.norm(points - place, axis=1)))])

@@ -77,8 +77,7 @@ def outdoor(name: str, difficulty: float, rng: np.random.Generator) -> tuple[Sur
     walked = world.terrain.on_grid
     ground = Grid(np.round(walked.heights, 3), walked.origin, walked.spacing)
     doors = world.spawn.mean(axis=1)
-    i, j = np.nonzero(world.feet.free)
-    points = world.feet.origin + world.feet.spacing * np.stack([j, i], axis=1)
+    points = world.feet.points(world.feet.free)
     area = np.array([points.min(axis=0), points.max(axis=0)]).round(2)
     occluders = Grid(np.round(tops.heights, 3), tops.origin, tops.spacing)
     return Surroundings(world.feet, doors, spots, np.zeros((0, 2)), area, ground, occluders=occluders), world.wheels
@@ -90,20 +89,15 @@ def _largest(free: Mask) -> Mask:
     return np.asarray(labels == 1 + int(np.argmax(np.bincount(labels.ravel())[1:])))
 
 
-def _points(free: FreeSpace, chosen: Mask) -> Array:
-    i, j = np.nonzero(chosen)
-    return np.asarray(free.origin + free.spacing * np.stack([j, i], axis=1))
-
-
 def _spots(free: FreeSpace, rng: np.random.Generator) -> Array:
     """Places (s, 2) m spread over free space: each is the farthest of some random ones from those before."""
-    points = _points(free, free.clearance > min(0.2, 0.5 * float(free.clearance.max())))
+    points = free.points(free.clearance > min(0.2, 0.5 * float(free.clearance.max())))
     return _spread(points, min(SPOTS, len(points)), rng)
 
 
 def _border(free: FreeSpace, count: int, rng: np.random.Generator) -> Array:
     edge = free.free & ~ndimage.binary_erosion(free.free)
-    return _spread(_points(free, edge), count, rng)
+    return _spread(free.points(edge), count, rng)
 
 
 def _spread(points: Array, count: int, rng: np.random.Generator) -> Array:

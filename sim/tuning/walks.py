@@ -80,9 +80,8 @@ class Walkers:
         leavers = rng.permutation(people)[: max(0, people - at_once)]
         out.leave[leavers] = np.maximum(rng.uniform(0.0, duration, len(leavers)), out.enter[leavers] + 5.0)
         here = np.concatenate([np.arange(at_once), np.arange(people, people + rovers)])
-        i, j = np.nonzero(around.free.clearance > 0)
-        chosen = rng.integers(len(i), size=len(here))
-        out.place[here] = around.free.origin + around.free.spacing * np.stack([j[chosen], i[chosen]], axis=1)
+        points = around.free.points(around.free.clearance > 0)
+        out.place[here] = points[rng.integers(len(points), size=len(here))]
         out.present[here] = True
         for k in here.tolist():
             out.choose(k)

@@ -159,8 +159,7 @@ def _facing_farthest(eye: Pose, shot: RenderedImage) -> Pose:
 
 def _overhead_pose(world: World) -> Pose:
     """A camera above a corner of the walkable area that looks down on it."""
-    i, j = np.nonzero(world.feet.free)
-    places = world.feet.origin + world.feet.spacing * np.column_stack([j, i])
+    places = world.feet.points(world.feet.free)
     low, high = places.min(axis=0), places.max(axis=0)
     middle = np.append((low + high) / 2, float(np.median(world.terrain.height_at(places))))
     reach = float(np.hypot(*(high - low)))

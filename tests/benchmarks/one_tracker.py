@@ -30,6 +30,7 @@ from sim.stress.sweeps import Case
 from sim.stress.trial_data import TrialData, simulate_case
 from tests.benchmarks.room import room
 from tests.conftest import DATA
+from tracker import parameter_file
 from tracker.formats.opening import open_sequence
 from tracker.formats.source_options import SourceOptions
 from tracker.geometry import Array
@@ -205,26 +206,12 @@ def with_fields(parameters: Parameters, settings: Iterable[str]) -> Parameters:
     people = parameters.targets
     for setting in settings:
         name, _, text = setting.partition("=")
-        people = _with_field(people, name.split("."), text, setting)
+        try:
+            value = ast.literal_eval(text)
+        except (ValueError, SyntaxError):
+            value = text
+        people = parameter_file.with_fields(people, {name: value}, f"--set is {setting!r}:")
     return replace(parameters, targets=people)
-
-
-def _with_field(parameters: Any, names: list[str], text: str, setting: str) -> Any:
-    known = [f.name for f in dataclasses.fields(parameters)] if dataclasses.is_dataclass(parameters) else []
-    if names[0] not in known:
-        raise ValueError(f"--set is {setting!r}, needs FIELD=VALUE with a field of {', '.join(known) or 'a part of the parameters'}")
-    old = getattr(parameters, names[0])
-    if len(names) > 1:
-        return replace(parameters, **{names[0]: _with_field(old, names[1:], text, setting)})
-    try:
-        value = ast.literal_eval(text)
-    except (ValueError, SyntaxError):
-        value = text
-    if isinstance(old, float) and type(value) is int:
-        value = float(value)
-    if old is not None and type(value) is not type(old):
-        raise ValueError(f"--set is {setting!r}, needs a value like {old!r}")
-    return replace(parameters, **{names[0]: value})
 
 
 def outcome(source: Source, tuned: int | None, parameters: Parameters, transform: str | None) -> Outcome:

@@ -27,7 +27,7 @@ class TickOutcome(NamedTuple):
 
     doubt: factor (d,), for the boxes of each view, of the probability that a box that nobody takes is false.
     box (t, V): the box of each track in each view, −1 for none. expected (t, V): relative detection rates. cover (t, V, 2): shares covered by
-    objects and by people. confirmed (t,); existence (t,): existence score; place (t, 2) m with covariance spread (t, 2, 2) m².
+    objects and by people. confirmed (t,); existence (t,): log-odds that there is a person; place (t, 2) m with covariance spread (t, 2, 2) m².
     """
 
     views: list[GroundDetections]

@@ -192,6 +192,11 @@ class FreeSpace:
         i, j = np.divmod(np.array(nodes), columns)
         return self.origin + self.spacing * np.stack([j, i], axis=1)
 
+    def points(self, chosen: Mask) -> Array:
+        """Grid points (n, 2) m where `chosen` (rows, columns) is true, row by row."""
+        i, j = np.nonzero(chosen)
+        return self.origin + self.spacing * np.stack([j, i], axis=1)
+
     def sample(self, rng: np.random.Generator, n: int, clearance: float, apart: float) -> Array:
         """n random places (n, 2) m with that clearance m and at least `apart` m from each other. ValueError where n do not fit."""
         i, j = np.nonzero(self.clearance >= clearance - self.spacing)
@@ -320,8 +325,7 @@ def spawn_areas(feet: FreeSpace, rng: np.random.Generator, count: int, side: flo
     The first lies farthest out, each next one farthest from those before; the stream only breaks near ties, so that seeds differ.
     Raises ValueError where free space has no room for them.
     """
-    i, j = np.nonzero(feet.clearance > side / np.sqrt(2) + feet.spacing)
-    places = feet.origin + feet.spacing * np.stack([j, i], axis=1)
+    places = feet.points(feet.clearance > side / np.sqrt(2) + feet.spacing)
     if len(places) < count:
         raise ValueError(f"{count} spawn areas of {side} m are wanted, free space has room for {len(places)}")
     distance = np.hypot(*(places - places.mean(axis=0)).T) * rng.uniform(0.85, 1.0, len(places))
