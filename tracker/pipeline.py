@@ -1,11 +1,12 @@
 """The whole tracker, tick by tick: SLAM of the robots, projection of boxes to the ground, tracking of people.
 
-`track` takes the setup once and then ticks, never the truth. The estimate of a tick depends on that tick, those before it, and the `delay` ticks
-after it. A fixed camera is a robot that never moves. Nothing here distinguishes PETS 2009 from the simulator.
+`track` takes the setup once and then ticks, never the truth. The estimate of a frame depends on the ticks up to it, and up to the frame `delay`
+frames after it. A fixed camera is a robot that never moves. Nothing here distinguishes PETS 2009 from the simulator.
 """
 
 from __future__ import annotations
 
+import math
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -35,19 +36,20 @@ class Parameters:
     slam: SlamParameters = field(default_factory=lambda: SlamParameters().with_odometry_biases())  # with wheel slip and gyroscope bias
     targets: MhtParameters = field(default_factory=MhtParameters)
     images: ImageParameters = field(default_factory=ImageParameters)  # what is extracted from images beside boxes
-    delay: int = 0  # ticks of the fixed-lag smoother, by which estimates are late
+    delay: int = 0  # frames of the fixed-lag smoother, by which estimates are late
     graphs: Path | None = None  # folder into which every graph of leaves is written with the clique that was chosen
 
 
 def track(
     setup: Setup, ticks: Iterable[Tick], parameters: Parameters | None = None, threads: int = 1, solver: CliqueSolver | None = None
 ) -> Iterator[Estimate]:
-    """One Estimate for each tick, `delay` ticks later.
+    """One Estimate for each frame, `delay` frames later: for each tick that is `reported`.
 
     threads: from two on, a tick is read, images of the tick before it are searched, and robots are localized in threads of their own.
     The estimates do not depend on it. Up to six ticks are in memory then.
     solver: of the graphs of leaves, by default `proved_cliques`.
-    Raises ValueError where a tick has a camera that the setup does not have, or an index that is not larger than the last.
+    Raises ValueError where a tick has a camera that the setup does not have, an index that is not larger than that of the last frame, or a time
+    that is not later than the last.
     """
     parameters = parameters or Parameters()
     with ExitStack() as stack:
@@ -88,12 +90,12 @@ class Tracker:
         solver = solver if parameters.graphs is None else written_to(parameters.graphs, solver)
         self._people = MhtTracker(self._front_end.setup, parameters.targets, parameters.delay, solver)
         self._track_ids = TrackIds(setup)
-        self._waiting: deque[Estimate] = deque()
+        self._waiting: deque[tuple[float, Estimate]] = deque()  # with the times of their frames, s
         self._rejections: Counter[str] = Counter()
-        self._last = -1
+        self._frame, self._time = -1, -math.inf
 
     def step(self, tick: Tick) -> Estimate | None:
-        """Take a tick; the estimate of the tick `delay` ticks before it, None at the start."""
+        """Take a tick; the estimate of the frame `delay` frames before it, None at the start."""
         return self.follow(self.place(self.search(tick)))
 
     def search(self, tick: Tick) -> Tick:
@@ -112,22 +114,26 @@ class Tracker:
         return PlacedTick(tick, replace(estimate, map_snapshot=self.slam.map_snapshot(tick.index)), feet, cameras)
 
     def follow(self, placed: PlacedTick) -> Estimate | None:
-        """Follow the people at the next tick; the estimate of the tick `delay` ticks before it, None at the start."""
-        people = self._people.step(placed.feet, placed.cameras)
-        self._count_rejections(placed.tick, placed.feet)
-        self._waiting.append(replace(placed.estimate, counters=placed.estimate.counters | dict(self._rejections)))
+        """Follow the people at the next tick; the estimate of the frame `delay` frames before it, None at the start."""
+        tick = placed.tick
+        people = self._people.step(placed.feet, placed.cameras, tick.time, tick.reported)
+        self._count_rejections(tick, placed.feet)
+        if tick.reported:
+            counters = placed.estimate.counters | dict(self._rejections)
+            self._waiting.append((tick.time, replace(placed.estimate, counters=counters)))
         return self._completed(people)
 
     def finish(self) -> Estimate | None:
-        """The estimate of the oldest tick that is waiting, after the last tick; None where none is."""
+        """The estimate of the oldest frame that is waiting, after the last tick; None where none is."""
         return self._completed(self._people.drain())
 
     def _completed(self, people: Tracks | None) -> Estimate | None:
         """The waiting estimate with its people, None without people to report."""
         if people is None:
             return None
-        ids, position, covariance = self._track_ids.report(people)
-        return replace(self._waiting.popleft(), target_id=ids, position=position, covariance=covariance)
+        time, estimate = self._waiting.popleft()
+        ids, position, covariance = self._track_ids.report(people, time)
+        return replace(estimate, target_id=ids, position=position, covariance=covariance)
 
     def _count_rejections(self, tick: Tick, feet: list[GroundDetections]) -> None:
         """Add the boxes of a tick to the counts of boxes by the gate that stops them. Silhouettes are no boxes of the input."""
@@ -138,9 +144,13 @@ class Tracker:
             self._rejections.update({BOXES: lost, NO_POSE: lost})
 
     def _check(self, tick: Tick) -> None:
-        if tick.index <= self._last:
-            raise ValueError(f"tick {tick.index} comes after tick {self._last}, needs growing indices")
+        if tick.index <= self._frame:
+            raise ValueError(f"tick {tick.index} comes after tick {self._frame}, needs growing indices")
+        if not tick.time > self._time:
+            raise ValueError(f"tick {tick.index} is at {tick.time:.6f} s, after one at {self._time:.6f} s, needs growing times")
         for view in tick.views:
             if view.camera not in self.setup.mounts:
                 raise ValueError(f"tick {tick.index} has a view of camera {view.camera!r}, setup has {', '.join(self.setup.mounts)}")
-        self._last = tick.index
+        self._time = tick.time
+        if tick.reported:
+            self._frame = tick.index

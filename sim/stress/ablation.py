@@ -162,7 +162,7 @@ def track_with_true_association(setup: Setup, ticks: Iterable[Tick], parameters:
             owners.append(persons.of(view.detections))
         for person in sorted({int(p) for own in owners for p in own[own > 0]} - set(people)):
             people[person] = MhtTracker(setup, accepting, 0)
-        tracks = {p: one.step([g.select(own == p) for g, own in zip(points, owners, strict=True)], cameras) for p, one in people.items()}
+        tracks = {p: one.step([g.select(own == p) for g, own in zip(points, owners, strict=True)], cameras, tick.time) for p, one in people.items()}
         robots = {robot: (slam.pose(robot), slam.covariance(robot)) for robot in setup.starts}
         yield _estimate(setup, tick.index, robots, tracks)
 

@@ -5,6 +5,8 @@ A leaf is kept by its max-marginal loss: what the global hypothesis would lose t
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.special import logit
 
@@ -16,17 +18,25 @@ from tracker.mht.track_trees import TrackHypotheses, weights
 from tracker.tracks.parameters import MhtParameters
 
 
-def surviving_leaves(leaves: TrackHypotheses, box: Ints, chosen: GlobalHypothesis, ticks: tuple[int, int], parameters: MhtParameters) -> Mask:
+class Lifetimes(NamedTuple):
+    """Bounds in revisits: of coasting, and of the time outside the global hypothesis for confirmed tracks. scan: ticks of the N-scan window."""
+
+    coasting: float
+    unselected: float
+    scan: int
+
+
+def surviving_leaves(leaves: TrackHypotheses, box: Ints, chosen: GlobalHypothesis, longest: Lifetimes, parameters: MhtParameters) -> Mask:
     """Which leaves (n,) are kept: not of deleted tracks, after N-scan pruning, and of the smallest loss within the bounds on their number.
 
-    box (n, V): the box that each leaf takes in each view at this tick, or -1. ticks: the longest coasting, and the N-scan window.
+    box (n, V): the box that each leaf takes in each view at this tick, or -1.
     """
-    q, (longest, n_scan) = parameters, ticks
+    q = parameters
     # A tentative track that takes boxes of others is never in the global hypothesis, and would stay for ever.
-    tentative = (leaves.misses < 3) & (leaves.existence > logit(q.forget)) & (leaves.unselected <= q.patience)
-    keep = np.where(leaves.confirmed, (leaves.misses <= longest) & (leaves.unselected <= max(n_scan, q.patience)), tentative)
+    tentative = (leaves.misses < 2.5) & (leaves.existence > logit(q.forget)) & (leaves.unselected <= q.patience + 0.5)
+    keep = np.where(leaves.confirmed, (leaves.misses <= longest.coasting) & (leaves.unselected <= longest.unselected), tentative)
     keep &= leaves.speed <= q.motion.v_max
-    keep &= _within_n_scan(leaves, chosen.best, n_scan)
+    keep &= _within_n_scan(leaves, chosen.best, longest.scan)
     # Ids of trees grow without bound; their places among those that are left do not.
     _, tree = np.unique(leaves.tree, return_inverse=True)
     loss = max_marginal_losses(np.maximum(weights(leaves, q.max_weight), 0.0), chosen.conflict, tree, chosen.best)
@@ -51,10 +61,10 @@ def _within_n_scan(leaves: TrackHypotheses, best: Ints, n_scan: int) -> Mask:
 
 
 @njit(cache=True)
-def prune_branches(children: ChildHypotheses, tree: Ints, misses: Ints, margin: float, boxes: int) -> Mask:
+def prune_branches(children: ChildHypotheses, tree: Ints, misses: Array, margin: float, boxes: int) -> Mask:
     """Which children (m,) are kept: those within `margin` of the best child of their leaf.
 
-    All are kept where the best one takes a box that other trees want, too. So are those of a leaf without a box for two ticks.
+    All are kept where the best one takes a box that other trees want, too. So are those of a leaf without a box for two revisits.
     tree, misses: of the parents; boxes: their number.
     """
     m, V = children.box.shape
@@ -70,7 +80,7 @@ def prune_branches(children: ChildHypotheses, tree: Ints, misses: Ints, margin: 
     for k in range(m):
         i = children.parent[k]
         if k == 0 or i != children.parent[k - 1]:
-            best, uncontested = k, misses[i] < 2
+            best, uncontested = k, misses[i] < 1.5
             for v in range(V):
                 if children.box[k, v] >= 0 and owner[children.box[k, v]] == -2:
                     uncontested = False

@@ -3,12 +3,13 @@
 A row is a leaf: one possible track of one person. It holds what a Kalman filter needs, and what the fixed-lag smoother needs of the last ticks.
 All leaves of all trees lie in the same arrays, so that a tick costs a few numpy calls. Nothing is changed in place.
 
-The smoother gives the tick `delay` ticks ago, given all measurements up to now. A leaf remembers its filtered states, which the fixed-interval
+The smoother gives the frame `delay` frames ago, given all measurements up to now. A leaf remembers its filtered states, which the fixed-interval
 smoother goes through backwards (Rauch, Tung, Striebel 1965, Maximum likelihood estimates of linear dynamic systems).
 """
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -16,6 +17,7 @@ import numpy as np
 
 from tracker.detections.cross_view import CrossViewGroup
 from tracker.geometry import Array, Ints, Mask
+from tracker.mht.tick_memory import Step
 from tracker.tracks.tracks import MotionParameters, Tracks, coasting_transition
 
 
@@ -26,11 +28,12 @@ class TrackHypotheses:
     tree (n,): id of the track tree, never used again. state (n, 5): x, y m, velocity m/s, and stature m; covariance (n, 5, 5).
     score (n,): log-likelihood ratio of the whole track against clutter. existence (n,): log-odds that there is a person, by
     boxes and missed detections whatever their places. confirmed (n,), deleted (n,): status of the track.
-    hits, misses, age (n,): ticks with a box, ticks since the last box, ticks since initiation. expected_misses (n,): sum over the ticks since the
-    last box of the probability that some view should have had one. out_of_view (n,): ticks outside all views; unselected (n,): ticks outside the
-    global hypothesis.
+    hits, age (n,): ticks with a box, ticks since initiation. Times are in revisits (Setup.revisit): ticks where all cameras are in step.
+    misses, out_of_view, unselected (n,): since the last box, outside all views, outside the global hypothesis.
+    due (n,): since a view could last have shown the person, at most 1. expected_misses (n,): sum since the last box of `due` times the probability
+    that some view should have had one.
     node (n, W): ids of the tree's nodes, the latest first; states (n, W, 5) and covariances (n, W, 5, 5), filtered; detected (n, W): with a box;
-    past_misses, past_scores (n, W): misses and score before each tick.
+    past_gaps, past_scores (n, W): s since the last box, and the score, before each tick.
     appearance (n, C, d): appearance in each camera, the mean of appearance_count (n, C) boxes; C is 0 while no box has an appearance.
     """
 
@@ -40,17 +43,18 @@ class TrackHypotheses:
     score: Array
     existence: Array
     hits: Ints
-    misses: Ints
+    misses: Array
     age: Ints
-    unselected: Ints
-    out_of_view: Ints
+    unselected: Array
+    out_of_view: Array
+    due: Array
     confirmed: Mask
     deleted: Mask
     node: Ints
     states: Array
     covariances: Array
     detected: Mask
-    past_misses: Ints
+    past_gaps: Array
     past_scores: Array
     expected_misses: Array
     appearance: Array
@@ -84,6 +88,7 @@ class TrackHypotheses:
 
 
 _COLUMNS = tuple(TrackHypotheses.__dataclass_fields__)
+_REMEMBERED = ("node", "states", "covariances", "detected", "past_gaps", "past_scores")
 
 
 def position_sigma(covariance: Array) -> Array:
@@ -106,25 +111,38 @@ def initiated(
         covariance[k, :2, :2] = group.covariance
     covariance[:, 2, 2] = covariance[:, 3, 3] = motion.start_speed**2
     state[:, 4], covariance[:, 4, 4] = stature[0], stature[1] ** 2
-    zero, ones, no = np.zeros(n, np.int64), np.ones(n, np.int64), np.zeros(n, dtype=bool)
+    zero, ones, no = np.zeros(n), np.ones(n, np.int64), np.zeros(n, dtype=bool)
     states, covariances, detected = np.zeros((n, window, 5)), np.zeros((n, window, 5, 5)), np.zeros((n, window), dtype=bool)
     states[:, 0], covariances[:, 0], detected[:, 0] = state, covariance, True
     node = np.full((n, window), -1, dtype=np.int64)
     appearance = np.zeros((n, cameras, length)), np.zeros((n, cameras))
     return TrackHypotheses(
-        first_tree + np.arange(n), state, covariance, np.zeros(n), np.zeros(n), ones, zero, ones, zero, zero, no, no,
-        node, states, covariances, detected, 0 * node, np.zeros((n, window)), np.zeros(n), *appearance,
+        first_tree + np.arange(n), state, covariance, zero, zero, ones, zero, ones, zero, zero, zero, no, no,
+        node, states, covariances, detected, np.zeros((n, window)), np.zeros((n, window)), zero, *appearance,
     )  # fmt: skip
 
 
-def predict(tracks: TrackHypotheses, dt: float, motion: MotionParameters) -> TrackHypotheses:
-    """All leaves predicted by `dt` seconds; their memory moves by one tick."""
-    F, Q = coasting_transition(tracks.misses, dt, motion)
-    rolled = ("node", "states", "covariances", "detected", "past_misses", "past_scores")
-    memory = {name: np.roll(getattr(tracks, name), 1, axis=1) for name in rolled}
-    memory["past_misses"][:, 0], memory["past_scores"][:, 0] = tracks.misses, tracks.score
-    state = (F @ tracks.state[:, :, None])[:, :, 0]
-    return replace(tracks, state=state, covariance=F @ tracks.covariance @ F.transpose(0, 2, 1) + Q, age=tracks.age + 1, **memory)
+def predict(tracks: TrackHypotheses, step: Step, motion: MotionParameters) -> TrackHypotheses:
+    """All leaves predicted by a step in time; their memory moves by one tick."""
+    gaps = tracks.misses * step.revisit
+    F, Q = coasting_transition(gaps, step.seconds, motion)
+    columns = min(tracks.node.shape[1], step.window - 1)
+    memory = {name: np.zeros((len(tracks), step.window, *getattr(tracks, name).shape[2:]), getattr(tracks, name).dtype) for name in _REMEMBERED}
+    memory["node"][:] = -1
+    for name, values in memory.items():
+        values[:, 1 : columns + 1] = getattr(tracks, name)[:, :columns]
+    memory["past_gaps"][:, 0], memory["past_scores"][:, 0] = gaps, tracks.score
+    state, due = (F @ tracks.state[:, :, None])[:, :, 0], np.minimum(tracks.due + step.revisits, 1.0)
+    return replace(tracks, state=state, covariance=F @ tracks.covariance @ F.transpose(0, 2, 1) + Q, age=tracks.age + 1, due=due, **memory)
+
+
+def coasted(predicted: TrackHypotheses, step: Step) -> TrackHypotheses:
+    """Predicted leaves after a tick without a view: nobody could be seen, so that nothing is decided."""
+    memory = {name: getattr(predicted, name).copy() for name in ("node", "states", "covariances")}
+    memory["states"][:, 0], memory["covariances"][:, 0] = predicted.state, predicted.covariance
+    if step.window > 1:
+        memory["node"][:, 0] = memory["node"][:, 1]
+    return replace(predicted, misses=predicted.misses + step.revisits, **memory)
 
 
 def survived(existence: Array, leaving: float) -> Array:
@@ -145,43 +163,52 @@ def weights(tracks: TrackHypotheses, most: float) -> Array:
 
 @final
 class MhtFixedLagSmoother:
-    """The people of `delay` ticks ago, from the memory of the tracks in the global hypothesis. A delay of 0 reports at once."""
+    """The people of `delay` frames ago, from the memory of the tracks in the global hypothesis. A delay of 0 reports at once."""
 
-    def __init__(self, delay: int, period: float, motion: MotionParameters, hidden_sigma: float) -> None:
-        """delay in ticks of `period` s. hidden_sigma m: standard deviation of a place up to which a hidden person is reported who is not seen again.
+    def __init__(self, delay: int, motion: MotionParameters, hidden_sigma: float) -> None:
+        """hidden_sigma m: standard deviation of a place up to which a hidden person is reported who is not seen again.
 
         Raises ValueError where delay is below 0.
         """
         if delay < 0:
-            raise ValueError(f"delay is {delay} ticks, needs 0 or more")
-        self.delay, self.period, self.motion, self.hidden_sigma = delay, period, motion, hidden_sigma
-        self._taken = self._reported = 0
+            raise ValueError(f"delay is {delay} frames, needs 0 or more")
+        self.delay, self.motion, self.hidden_sigma = delay, motion, hidden_sigma
+        self._waiting: deque[int] = deque()  # for each frame that is not reported yet, the number of ticks up to it
+        self._steps: deque[float] = deque()  # s before each tick since the oldest of them, the latest last
+        self._taken = 0
         self._last: tuple[TrackHypotheses, Mask] | None = None
 
-    def feed(self, tracks: TrackHypotheses, present: Mask) -> Tracks | None:
-        """Take the tracks (n,) after a tick, and which are present; the people of the tick `delay` ticks before, None at the start."""
+    def feed(self, tracks: TrackHypotheses, present: Mask, seconds: float, reported: bool = True) -> Tracks | None:
+        """Take the tracks (n,) after a tick, and which are present; the people of the frame `delay` frames before, None at the start.
+
+        seconds: since the tick before. reported: whether the tick is a frame; None is given for others.
+        """
         self._taken += 1
+        self._steps.append(seconds)
         self._last = tracks, present
-        return self.drain() if self._taken - self._reported > self.delay else None
+        if reported:
+            self._waiting.append(self._taken)
+        return self.drain() if reported and len(self._waiting) > self.delay else None
 
     def drain(self) -> Tracks | None:
-        """The people of the oldest tick that is not reported yet; None where all are."""
-        if self._last is None or self._reported == self._taken:
+        """The people of the oldest frame that is not reported yet; None where all are."""
+        if self._last is None or not self._waiting:
             return None
         tracks, present = self._last
-        ago = self._taken - 1 - self._reported
-        self._reported += 1
+        ago = self._taken - self._waiting.popleft()
+        while len(self._steps) > ago:
+            self._steps.popleft()
         # A person was there if detected at that tick or later, if still present, or if hidden for so short a time that the place was known.
         hidden = ~tracks.deleted & (tracks.out_of_view == 0) & (position_sigma(tracks.covariances[:, ago]) <= self.hidden_sigma)
         there = (tracks.age > ago) & tracks.confirmed & (present | hidden | tracks.detected[:, : ago + 1].any(axis=1))
-        return smoothed(tracks.select(there), ago, self.period, self.motion)
+        return smoothed(tracks.select(there), list(self._steps)[::-1], self.motion)
 
 
-def smoothed(tracks: TrackHypotheses, ago: int, period: float, motion: MotionParameters) -> Tracks:
-    """The smoothed tracks of `ago` ticks before; all are older than that. period: s of a tick."""
+def smoothed(tracks: TrackHypotheses, steps: list[float], motion: MotionParameters) -> Tracks:
+    """The smoothed tracks of as many ticks before as there are `steps`, s before each tick, the latest first; all tracks are older than that."""
     x, P = tracks.states[:, 0], tracks.covariances[:, 0]
-    for k in range(1, ago + 1):
-        (F, Q), state, covariance = coasting_transition(tracks.past_misses[:, k - 1], period, motion), tracks.states[:, k], tracks.covariances[:, k]
+    for k, seconds in enumerate(steps, 1):
+        (F, Q), state, covariance = coasting_transition(tracks.past_gaps[:, k - 1], seconds, motion), tracks.states[:, k], tracks.covariances[:, k]
         predicted = F @ covariance @ F.transpose(0, 2, 1) + Q
         C = np.linalg.solve(predicted, F @ covariance).transpose(0, 2, 1)
         x = state + (C @ (x[:, :, None] - F @ state[:, :, None]))[:, :, 0]

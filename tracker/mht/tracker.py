@@ -17,6 +17,7 @@ there, and an appearance model weighs boxes where there are images. Where feet m
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple, final
 
@@ -37,33 +38,40 @@ from tracker.mht.global_hypothesis import CliqueSolver, GlobalHypothesis, Hypoth
 from tracker.mht.initiation import with_statures, with_walkable_prior
 from tracker.mht.joint_assignment import assign_jointly, assigned_boxes, union
 from tracker.mht.negative_information import ExpectedVisibility
-from tracker.mht.pruning import prune_branches, surviving_leaves
-from tracker.mht.track_trees import MhtFixedLagSmoother, TrackHypotheses, initiated, predict, survived
+from tracker.mht.pruning import Lifetimes, prune_branches, surviving_leaves
+from tracker.mht.tick_memory import Step, TickMemory
+from tracker.mht.track_trees import MhtFixedLagSmoother, TrackHypotheses, coasted, initiated, predict, survived
 from tracker.tracks.measurement_noise import MeasurementNoise
 from tracker.tracks.parameters import MhtParameters
 from tracker.tracks.reidentification import Appearance, NewTargetModel, Reidentification
 from tracker.tracks.sensor_model import SensorModel, TickOutcome
 from tracker.tracks.tracks import Tracks
 from tracker.types import Setup
+from tracker.types.ticks import ROUNDING
+
+
+MOSTLY = 0.9
+"""Revisits since the last box within which a person counts as seen: less than one, as clocks jitter."""
 
 
 @final
 class MhtTracker:
-    """The tracker of people by multiple hypotheses, which reports `delay` ticks late. Raises ValueError where delay is below 0."""
+    """The tracker of people by multiple hypotheses, which reports `delay` frames late. Raises ValueError where delay is below 0."""
 
     def __init__(self, setup: Setup, parameters: MhtParameters, delay: int, solver: CliqueSolver | None = None) -> None:
         """solver: of the graphs of leaves, by default `proved_cliques`."""
         # Without known occluders, a track that is not seen again is more often wrong than hidden.
         hidden_sigma = 0.0 if setup.occluders is None else parameters.report_sigma
-        self._smoother = MhtFixedLagSmoother(delay, setup.period, parameters.motion, hidden_sigma)
+        self._smoother = MhtFixedLagSmoother(delay, parameters.motion, hidden_sigma)
         self.filter = MhtFilter(setup, parameters, delay, solver)
 
-    def step(self, views: list[GroundDetections], cameras: list[Viewpoint]) -> Tracks | None:
-        """Take a tick; the people of the tick `delay` ticks before, None at the start."""
-        return self._with_person_ids(self._smoother.feed(*self.filter.step(views, cameras)))
+    def step(self, views: list[GroundDetections], cameras: list[Viewpoint], time: float, reported: bool = True) -> Tracks | None:
+        """Take a tick at `time` s; the people of the frame `delay` frames before, None at the start and where the tick is not `reported`."""
+        tracks, present = self.filter.step(views, cameras, time, reported)
+        return self._with_person_ids(self._smoother.feed(tracks, present, self.filter.now.seconds, reported))
 
     def drain(self) -> Tracks | None:
-        """The people of the oldest tick that is not reported yet; None where all are."""
+        """The people of the oldest frame that is not reported yet; None where all are."""
         return self._with_person_ids(self._smoother.drain())
 
     def _with_person_ids(self, people: Tracks | None) -> Tracks | None:
@@ -95,7 +103,7 @@ class MhtFilter:
     """The online filter: its state after a tick depends on the ticks up to it alone."""
 
     def __init__(self, setup: Setup, parameters: MhtParameters, delay: int = 0, solver: CliqueSolver | None = None) -> None:
-        """delay: ticks that the tracks remember at least."""
+        """delay: frames that the tracks remember at least."""
         self.setup, self.parameters = setup, parameters
         self.sensor_model = SensorModel(setup, parameters)
         ranges = parameters.fusion.ranges
@@ -104,22 +112,27 @@ class MhtFilter:
         new_target = NewTargetModel(parameters.arrival_rate, *self._stature)
         self.appearance = AppearanceModel(parameters.appearance_weight, parameters.appearance_rate, list(setup.mounts))
         lost = parameters.reidentification
-        self.reidentification = Reidentification(lost, parameters.motion, setup.period, new_target, self.appearance.same_person)
+        self.reidentification = Reidentification(lost, parameters.motion, new_target, self.appearance.same_person)
         self.search = HypothesisSearch(parameters, solver)
-        self.n_scan = round(parameters.n_scan / setup.period)
-        self.window = max(self.n_scan, delay) + 1
-        self.leaves = TrackHypotheses.none(self.window)
+        self.now = Step(setup.period, setup.revisit, 0.0, 0, 1)
+        self._memory = TickMemory(parameters.n_scan, delay, setup.period, setup.revisit)
+        self._longest, self._max_gap = _longest(parameters, setup, delay)
+        self._viewpoints: dict[str, Viewpoint] = {}  # the last one of each view
+        self.leaves = TrackHypotheses.none(1)
         self.conflict = np.zeros((0, 0), dtype=bool)  # (n, n): which two leaves are never both true
         self.best = np.zeros(0, dtype=np.int64)  # rows of the leaves in the global hypothesis
         self.kept = np.zeros((0, 1), dtype=bool)  # which leaves each hypothesis holds; the last column is for roots, whose parent is −1
         self._owners = TrackOwners()
         self.noise = MeasurementNoise(parameters.noise)
         self._next_tree, self._next_node, self._ticks = 1, 0, 0
-        self._max_gap = round(parameters.delta_a / setup.period)
 
-    def step(self, views: list[GroundDetections], cameras: list[Viewpoint]) -> tuple[TrackHypotheses, Mask]:
-        """Take one tick; cameras: the viewpoint of each view. The tracks (k,) of the global hypothesis, and which are present."""
+    def step(self, views: list[GroundDetections], cameras: list[Viewpoint], time: float, reported: bool = True) -> tuple[TrackHypotheses, Mask]:
+        """Take one tick at `time` s; cameras: the viewpoint of each view. The tracks (k,) of the global hypothesis, and which are present."""
+        self.now = self._memory.step(time, reported)
         self._ticks += 1
+        if not views:
+            return self._coasted()
+        self._viewpoints |= {camera.name: camera for camera in cameras}
         now = self._observation([self.noise.inflated(boxes) for boxes in views], cameras)
         children = self._branch(now)
         roots, doubt = self._initiate(now, children)
@@ -129,18 +142,30 @@ class MhtFilter:
         leaves, fresh = self._confirmed(new.leaves, chosen.best)
         new = replace(new, leaves=leaves)
         self._learn(now, children, new, chosen.best, doubt)
-        new = replace(new, leaves=self._reidentified(leaves, chosen.best, fresh))
+        new = replace(new, leaves=self._reidentified(time, leaves, chosen.best, fresh))
         self._prune(new, chosen)
+        return self._present()
+
+    def _coasted(self) -> tuple[TrackHypotheses, Mask]:
+        """As `step`, for a tick without a view."""
+        leaves = coasted(predict(self.leaves, self.now, self.parameters.motion), self.now)
+        self.leaves = replace(leaves, existence=self._survived(leaves.existence))
+        return self._present()
+
+    def _present(self) -> tuple[TrackHypotheses, Mask]:
         people = self.leaves.select(self.best)
-        # Ticks at which no view could have had a box do not count as a gap.
+        # Time in which no view could have had a box does not count as a gap.
         present = people.confirmed & ~people.deleted & (people.expected_misses <= self._max_gap)
-        present &= (people.misses == 0) | (people.position_sigma <= self.parameters.report_sigma)
+        present &= (people.misses < MOSTLY) | (people.position_sigma <= self.parameters.report_sigma)
         return people, present
+
+    def _survived(self, existence: Array) -> Array:
+        return survived(existence, self.now.seconds / self.parameters.residence)
 
     def _observation(self, views: list[GroundDetections], cameras: list[Viewpoint]) -> Observation:
         """The views of a tick with the predicted leaves."""
         self.sensor_model.observe(views)
-        leaves = self._with_walkable_prior(predict(self.leaves, self.setup.period, self.parameters.motion))
+        leaves = self._with_walkable_prior(predict(self.leaves, self.now, self.parameters.motion))
         active = self.best[~leaves.deleted[self.best]]
         table = BoxTable.of(views, self.sensor_model, self.parameters.clutter)
         expected = ExpectedVisibility.of(leaves, cameras, self.sensor_model, active).share
@@ -148,7 +173,10 @@ class MhtFilter:
         for v, boxes in enumerate(views):
             missed[:, v] = self.sensor_model.missed(boxes.camera, expected[:, v])
         bodies = self.sensor_model.bodies(leaves.state[:, :2], leaves.tree, active)
-        return Observation(views, cameras, table, self._branching_constants(views), leaves, active, bodies, expected, missed)
+        chance = 1 - np.exp(missed.sum(axis=1))
+        # Misses of one revisit have one cause, whether views are in step or one after the other.
+        missed *= np.minimum(max(self.parameters.joint_misses, 1.0) * leaves.due, 1.0)[:, None]
+        return Observation(views, cameras, table, self._branching_constants(views), leaves, active, bodies, expected, missed, chance)
 
     def _branching_constants(self, views: list[GroundDetections]) -> BranchingConstants:
         q, (low, high) = self.parameters, self.setup.height
@@ -185,18 +213,18 @@ class MhtFilter:
         leaves, table = now.leaves, now.table
         # A track that is detected again after a gap may be another person.
         trees = _one_leaf_per_tree(leaves, self.best)
-        taken = assigned_boxes(trees[(leaves.misses[trees] < 2) & ~leaves.deleted[trees]], children, table)
+        taken = assigned_boxes(trees[(leaves.misses[trees] < 1.5) & ~leaves.deleted[trees]], children, table)
         free = [~taken[start:end] for start, end in itertools.pairwise(table.start.tolist())]
         groups = group_across_views([self.sensor_model.corrected(boxes) for boxes in now.views], free, self.setup.height, self.parameters.fusion)
         doubt = _doubt(now.views, groups, self.parameters.supported)
-        rate = self.sensor_model.arrival_rate(self._ticks)
+        rate = self.sensor_model.arrival_rate(self.now.elapsed, self.now.revisits)
         score = self.sensor_model.initiation_score(now.views, now.cameras, groups, _tracks(leaves.select(self.best)), rate)
         return Roots(groups, score), doubt
 
     def _extended(self, now: Observation, children: ChildHypotheses, roots: Roots) -> NewLeaves:
         """The children and the roots of new trees, with the conflicts of all."""
         q, table, grown = self.parameters, now.table, self._grown(now, children)
-        new = initiated(self._next_tree, roots.groups, q.motion, self._stature, (self.window, *now.leaves.appearance.shape[1:]))
+        new = initiated(self._next_tree, roots.groups, q.motion, self._stature, (self.now.window, *now.leaves.appearance.shape[1:]))
         self._next_tree += len(new)
         new = replace(new, score=roots.score, existence=roots.score)
         box = np.full((len(grown) + len(new), len(table.origin)), -1, dtype=np.int64)
@@ -215,16 +243,18 @@ class MhtFilter:
         parents, detected = now.leaves.select(children.parent), (children.box >= 0).any(axis=1)
         # The likelihood of a place tells whose box it is, not whether there is a person.
         boxes = np.append(now.table.existence_ratio, 0.0)[children.box].sum(axis=1)
-        existence = survived(parents.existence, self.setup.period / self.parameters.residence) + boxes + children.missed
-        expected_misses = np.where(detected, 0.0, parents.expected_misses + 1 - np.exp(now.missed[children.parent].sum(axis=1)))
+        existence = self._survived(parents.existence) + boxes + children.missed
+        chance, due, passed = now.chance[children.parent], parents.due, self.now.revisits
+        outside = ~now.bodies.in_any_view(list(self._viewpoints.values()))[children.parent]
         states, covariances, detections = parents.states.copy(), parents.covariances.copy(), parents.detected.copy()
         states[:, 0], covariances[:, 0], detections[:, 0] = children.state, children.covariance, detected
         return replace(
             parents, state=children.state, covariance=children.covariance, score=parents.score + children.increment,
             existence=existence,
-            hits=parents.hits + detected, misses=np.where(detected, 0, parents.misses + 1),
-            states=states, covariances=covariances, detected=detections, unselected=parents.unselected + 1, expected_misses=expected_misses,
-            out_of_view=np.where(now.bodies.in_any_view(now.cameras)[children.parent] | detected, 0, parents.out_of_view + bool(now.cameras)),
+            hits=parents.hits + detected, misses=np.where(detected, 0.0, parents.misses + passed),
+            expected_misses=np.where(detected, 0.0, parents.expected_misses + due * chance), due=np.where(detected, 0.0, due * (1 - chance)),
+            states=states, covariances=covariances, detected=detections, unselected=parents.unselected + passed,
+            out_of_view=np.where(outside & ~detected, parents.out_of_view + passed, 0.0),
         )  # fmt: skip
 
     def _updated_leaves(self, now: Observation, roots: Roots, new: NewLeaves) -> NewLeaves:
@@ -282,7 +312,7 @@ class MhtFilter:
 
     def _has_left(self, leaves: TrackHypotheses) -> Mask:
         """Which leaves (n,) are outside all views for too long."""
-        return np.asarray(leaves.out_of_view * self.setup.period > self.parameters.max_outside)
+        return np.asarray(leaves.out_of_view * self.now.revisit > self.parameters.max_outside)
 
     def _learn(self, now: Observation, children: ChildHypotheses, new: NewLeaves, best: Ints, doubt: list[Array]) -> None:
         """Learn the detection rates, measurement noise and registration bias of each view from the confirmed tracks of the global hypothesis."""
@@ -301,25 +331,31 @@ class MhtFilter:
             self.noise.learn(boxes.camera, children.residual[mine, v], children.S[mine, v], boxes.covariance[new.box[mine, v] - start[v]])
             self.sensor_model.registration_bias.learn(boxes.camera, leaves.state[old, :2], innovations)
 
-    def _reidentified(self, leaves: TrackHypotheses, best: Ints, fresh: set[int]) -> TrackHypotheses:
+    def _reidentified(self, time: float, leaves: TrackHypotheses, best: Ints, fresh: set[int]) -> TrackHypotheses:
         """The leaves; lost trees that newly confirmed ones continue are deleted."""
         people = leaves.select(_one_leaf_per_tree(leaves, best))
         left = set(people.tree[self._has_left(people)].tolist())
         held = people.confirmed & np.isin(people.tree, leaves.tree[best])
         appearance = Appearance(people.appearance, people.appearance_count)
-        ended = self.reidentification.step(_tracks(people), held, np.isin(people.tree, list(fresh)), left, appearance)
+        ended = self.reidentification.step(time, _tracks(people), (held, np.isin(people.tree, list(fresh))), left, appearance)
         return replace(leaves, deleted=leaves.deleted | np.isin(leaves.tree, list(ended)))
 
     def _prune(self, new: NewLeaves, chosen: GlobalHypothesis) -> None:
         """Keep the surviving leaves, with their conflicts and the hypotheses that hold them."""
-        longest = max(round(self.parameters.coasting_factor * self._max_gap), self.window)
-        keep = surviving_leaves(new.leaves, new.box, chosen, (longest, self.n_scan), self.parameters)
+        keep = surviving_leaves(new.leaves, new.box, chosen, self._longest._replace(scan=self.now.scan), self.parameters)
         rows = np.flatnonzero(keep)
         number = np.full(len(keep), -1)
         number[rows] = np.arange(len(rows))
         self.leaves, self.conflict = new.leaves.select(rows), new.conflict[np.ix_(rows, rows)]
         self.best = number[chosen.best][keep[chosen.best]]
         self.kept = np.pad(chosen.hypotheses[:, rows], ((0, 0), (0, 1)))
+
+
+def _longest(q: MhtParameters, setup: Setup, delay: int) -> tuple[Lifetimes, int]:
+    """Bounds of coasting, and the longest gap that is bridged, in whole revisits. Tracks stay while the smoother may report their last frames."""
+    gap, scan = round(q.delta_a / setup.revisit), round(q.n_scan / setup.revisit)
+    window = max(scan, math.ceil(delay * setup.period / setup.revisit - ROUNDING)) + 1
+    return Lifetimes(max(round(q.coasting_factor * gap), window) + 0.5, max(scan, q.patience) + 0.5, scan), gap
 
 
 def _doubt(views: list[GroundDetections], groups: list[CrossViewGroup], supported: float) -> list[Array]:

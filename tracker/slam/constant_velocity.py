@@ -21,17 +21,20 @@ FASTEST = 3.0
 
 @dataclass(eq=False)
 class ConstantVelocity:
-    """The last poses of one robot. period: s of a tick."""
+    """The last poses of one robot."""
 
-    period: float
     poses: list[Pose] = field(default_factory=list)
 
-    def step(self, pose: Pose) -> tuple[Pose, Array] | None:
-        """The motion since the last tick and its covariance (6, 6), by the estimate of the pose there; None at the first tick."""
-        self.poses = [*self.poses[-2:], pose]
+    seconds: float = 0.0
+
+    def step(self, pose: Pose, seconds: float) -> tuple[Pose, Array] | None:
+        """The motion in the last `seconds` and its covariance (6, 6), by the estimate of the pose before them; None at the first tick."""
+        self.poses, before, self.seconds = [*self.poses[-2:], pose], self.seconds, seconds
         if len(self.poses) == 1:
             return None
         moved = self.poses[-2].inverse() @ pose
-        if len(self.poses) == 2 or np.linalg.norm(moved.translation) > FASTEST * self.period:
-            return Pose.planar(AHEAD * self.period, 0.0, 0.0), (SPREAD * self.period) ** 2 * np.eye(6)
-        return moved, (ACCELERATION * self.period**2) ** 2 * np.eye(6)
+        if len(self.poses) == 2 or np.linalg.norm(moved.translation) > FASTEST * before:
+            return Pose.planar(AHEAD * seconds, 0.0, 0.0), (SPREAD * seconds) ** 2 * np.eye(6)
+        if seconds != before:
+            moved = Pose.exp(moved.log() * (seconds / before))
+        return moved, (ACCELERATION * seconds**2) ** 2 * np.eye(6)

@@ -26,7 +26,7 @@ from tracker.slam.landmark_map import LandmarkMap, dissimilarity, spread_over_az
 from tracker.slam.parameters import SlamParameters
 from tracker.slam.relocalization import RelocalizedPose, Relocalizer, SlamState
 from tracker.slam.unknown_start import UnknownStarts
-from tracker.types import MapSnapshot, Mount, Odometry, Setup, Sightings, Start, Tick, View
+from tracker.types import Intervals, MapSnapshot, Mount, Odometry, Setup, Sightings, Start, Tick, View
 
 
 class Slam:
@@ -47,8 +47,11 @@ class Slam:
         self._counters: Counter[str] = Counter()
         self._unknown_starts = UnknownStarts(setup, parameters, Slam)
         self._odometry_gap: dict[str, tuple[int, Array]] = {}
-        self._without_odometry = {name: ConstantVelocity(setup.period) for name in setup.starts}
-        self._relocalizer = Relocalizer(parameters.relocalization, setup.period)
+        self._without_odometry = {name: ConstantVelocity() for name in setup.starts}
+        self._relocalizer = Relocalizer(parameters.relocalization)
+        self._intervals = Intervals(setup.period), {name: Intervals(setup.period) for name in setup.starts}  # of ticks, and of each robot's
+        self._seconds: dict[str, float] = {}  # robot → s between its last two ticks
+        self._frame: dict[str, int] = {}  # robot → its last one
         self.sighted: dict[str, Sightings] = {}
         self._inflation = np.repeat(parameters.inflation_sigma, 3) ** 2
         self._tick = -1
@@ -68,12 +71,17 @@ class Slam:
             views.setdefault(self.setup.mounts[view.camera].robot, []).append(view)
         for name in self.setup.starts:
             self._add_known_start(name, views.get(name, []))
-        for name in self._team:
+        now = [name for name in self.setup.starts if name in views or (tick.reported and self._frame.get(name) != tick.index)]
+        for name in now:
+            self._seconds[name], self._frame[name] = self._intervals[1][name].step(tick.time), tick.index
+        moved = [name for name in self._team if name in now]
+        for name in moved:
             self._predict(name, views.get(name, []))
-        self._joint.add_correction_noise(self.parameters.correction_walk * np.sqrt(self.setup.period))
+        passed = self._intervals[0].step(tick.time)
+        self._joint.add_correction_noise(self.parameters.correction_walk * np.sqrt(passed))
         if self.parameters.odometry_biases is not None:
-            self._joint.decay_biases(self.parameters.odometry_biases.retention(self.setup.period))
-        for name in self._team:
+            self._joint.decay_biases(self.parameters.odometry_biases.retention(passed))
+        for name in moved:
             self._process_views(name, views.get(name, []), tick.index)
         for name, start in self.setup.starts.items():
             if start is None and name not in self._team and _takes_part(views.get(name, []), self.setup):
@@ -179,7 +187,7 @@ class Slam:
             self._joint.inflate(self._team[name], (2 * gap + 1) * np.repeat([step[:3].sum(), step[3:].sum()], 3))
             self._odometry_gap[name] = gap + 1, step
             self._counters["no odometry"] += 1
-        elif (guess := self._without_odometry[name].step(self.pose(name))) is not None:
+        elif (guess := self._without_odometry[name].step(self.pose(name), self._seconds[name])) is not None:
             self._joint.predict(self._team[name], *guess)
             self._counters["constant velocity"] += 1
 
@@ -188,7 +196,7 @@ class Slam:
 
         Biases in the state leave the white part of the errors. Otherwise the variances are inflated for the correlation of the errors in time.
         """
-        parameters, period = self.parameters, self.setup.period
+        parameters, period = self.parameters, self._seconds[name]
         level = np.sqrt(_correlation_factor(parameters.gravity_correlation_time, period))
         if parameters.odometry_biases is not None:
             covariance, sigma = parameters.odometry_biases.white_noise(odometry)
@@ -230,7 +238,7 @@ class Slam:
             return None
         odometry = self._odometry.get(name)
         if odometry is not None:
-            seen = replace(seen, bearing=turned_to_frame(seen.bearing, mount, odometry.T_before_now, self.setup.period))
+            seen = replace(seen, bearing=turned_to_frame(seen.bearing, mount, odometry.T_before_now, self._seconds[name]))
         others = [number for other, number in self._team.items() if other != name]
         moving = on_robots(self._joint, self._joint.camera_pose(self._team[name], mount), others, seen, self.parameters.robot_radius)
         self._counters["on a robot"] += int(moving.sum())
@@ -255,7 +263,7 @@ class Slam:
                     self._joint, robot, self._joint.camera_pose(robot, mount), (seen.bearing, seen.covariance), appearance, self.parameters.gate
                 )
             known = max(known, agreed)
-        self._relocalizer.record_matches(name, known)
+        self._relocalizer.record_matches(name, known, self._seconds[name])
         if self._relocalizer.is_lost(name):
             self._measurement_update(name, None)
             return np.zeros(0, dtype=np.intp), 0
@@ -284,7 +292,7 @@ class Slam:
             return bearing
         place = self._joint.camera_pose(self._team[name], mount).origin
         ranges = np.linalg.norm(self._joint.point[landmark] - place, axis=1)
-        return moved_to_frame(bearing, ranges, mount, odometry.T_before_now, self.setup.period)
+        return moved_to_frame(bearing, ranges, mount, odometry.T_before_now, self._seconds[name])
 
     def _measurement_update(self, name: str, seen: LandmarkMeasurement | None, view: View | None = None) -> Array:
         """One update by associated sightings, robots in the view, and gravity, which is used once a tick.

@@ -23,17 +23,16 @@ SlamState = tuple[JointState, LandmarkMap]
 
 
 class Relocalizer:
-    """Which robots may be lost, for how many ticks, and the archive of landmarks that left the map."""
+    """Which robots may be lost, for how long, and the archive of landmarks that left the map."""
 
-    def __init__(self, parameters: RelocalizationParameters, period: float) -> None:
+    def __init__(self, parameters: RelocalizationParameters) -> None:
         self.parameters, self.archive = parameters, LandmarkArchive(parameters.archive_size)
-        self._max_lost_ticks = max(1, round(parameters.timeout / period))
         self._typical_matches: dict[str, float] = {}
-        self._lost_ticks: dict[str, int] = {}
+        self._lost: dict[str, float] = {}  # s
 
     def is_lost(self, robot: str) -> bool:
         """Whether the robot is lost; its sightings then do not enter the map."""
-        return self._lost_ticks.get(robot, 0) > 0
+        return self._lost.get(robot, 0.0) > 0
 
     def may_be_lost(self, robot: str, seen: int, matched: int) -> bool:
         """Whether a robot with `seen` sightings matches so many fewer of them than usual that it may be lost."""
@@ -61,19 +60,19 @@ class Relocalizer:
         joint.reset_pose(robot, found.start(self.parameters))
         return "found again", found.inliers
 
-    def record_matches(self, robot: str, matched: int) -> None:
-        """Record how many landmarks a robot matched at a tick with sightings.
+    def record_matches(self, robot: str, matched: int, seconds: float) -> None:
+        """Record how many landmarks a robot matched at a tick with sightings, `seconds` after its last one.
 
         A robot with almost no matches is lost. If it is not found before the timeout, it starts a new part of the map. It cannot be lost again
         until it has matched landmarks.
         """
         if matched > self.parameters.max_matches_lost:
             self._typical_matches[robot] = matched if robot not in self._typical_matches else 0.8 * self._typical_matches[robot] + 0.2 * matched
-            self._lost_ticks[robot] = 0
+            self._lost[robot] = 0.0
         elif robot in self._typical_matches:
-            self._lost_ticks[robot] = self._lost_ticks.get(robot, 0) + 1
-            if self._lost_ticks[robot] > self._max_lost_ticks:
-                del self._typical_matches[robot], self._lost_ticks[robot]
+            self._lost[robot] = self._lost.get(robot, 0.0) + seconds
+            if self._lost[robot] - seconds / 2 > self.parameters.timeout:
+                del self._typical_matches[robot], self._lost[robot]
 
 
 @dataclass(frozen=True, eq=False)

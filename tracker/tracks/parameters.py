@@ -23,7 +23,7 @@ class MhtParameters:
     standing_clutter: StandingClutterParameters = field(default_factory=StandingClutterParameters)
     registration_bias: RegistrationBiasParameters = field(default_factory=RegistrationBiasParameters)
     noise: MeasurementNoiseParameters = field(default_factory=MeasurementNoiseParameters)
-    arrival_rate: float = 2e-4  # new people, a square metre and tick
+    arrival_rate: float = 2e-4  # new people, a square metre and revisit of the cameras
     initial_density: float = 2e-2  # people in the first tick, a square metre
     clutter: float = 1.0  # least density of false boxes of a view, a steradian
     max_gain: float = 6.0  # greatest log-likelihood ratio of one box
@@ -48,7 +48,7 @@ class MhtParameters:
     tree_leaves: int = 8  # leaves of a tree, at most
     tentative_leaves: int = 4  # the same for a tentative track
     max_loss: float = 30.0  # log-likelihood by which the best hypothesis with a leaf may be worse than the global hypothesis
-    patience: int = 4  # ticks for which a tentative track may be outside the global hypothesis
+    patience: int = 4  # revisits of the cameras for which a tentative track may be outside the global hypothesis
     max_leaves: int = 160  # leaves in all; each has several children, and every two of them are compared
     max_weight: float = 60.0  # largest score from before the N-scan window that counts in a weight
     appearance_weight: float = 0.7  # of the log-likelihood ratio of the appearance model, where there are images

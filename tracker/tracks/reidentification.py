@@ -15,9 +15,10 @@ from scipy.optimize import linear_sum_assignment
 
 from tracker.geometry import Array, Mask
 from tracker.tracks.tracks import MotionParameters, Tracks, coasting_time
+from tracker.types.ticks import ROUNDING
 
-LOST_MISSES = 3
-"""Ticks without a box after which a track may be lost, its person being tracked anew."""
+LOST_MISSES = 2.5
+"""Revisits without a box after which a track may be lost, its person being tracked anew."""
 
 STATURE_DRIFT = 0.02
 """m, standard deviation of the change of an apparent stature while a person is lost."""
@@ -56,9 +57,9 @@ class NewTargetModel(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _LastDetection:
-    """A track at its last box: tick; state (5,) and covariance (5, 5) as in Tracks; its appearance."""
+    """A track at its last box: time s; state (5,) and covariance (5, 5) as in Tracks; its appearance."""
 
-    tick: int
+    time: float
     state: Array
     covariance: Array
     appearance: Appearance
@@ -71,28 +72,27 @@ class Reidentification:
         self,
         parameters: ReidentificationParameters,
         motion: MotionParameters,
-        period: float,
         new_targets: NewTargetModel,
         same_person: Callable[[Appearance, Appearance], float],
     ) -> None:
-        """period: s of a tick. same_person: log-likelihood ratio of two appearances being of one person."""
-        self.parameters, self.motion, self.period, self.new_targets = parameters, motion, period, new_targets
+        """same_person: log-likelihood ratio of two appearances being of one person."""
+        self.parameters, self.motion, self.new_targets = parameters, motion, new_targets
         self.same_person = same_person
         self.first_tree: dict[int, int] = {}
         self._seen: dict[int, _LastDetection] = {}
-        self._tick = 0
+        self._time = 0.0
 
-    def step(self, tracks: Tracks, confirmed: Mask, fresh: Mask, left: set[int], looks: Appearance) -> set[int]:
-        """Take a tick; the trees that are re-identified as another one and should be deleted.
+    def step(self, time: float, tracks: Tracks, held: tuple[Mask, Mask], left: set[int], looks: Appearance) -> set[int]:
+        """Take a tick at `time` s; the trees that are re-identified as another one and should be deleted.
 
-        confirmed (t,): the confirmed tracks; fresh (t,): those confirmed at this tick; left: trees of people outside all views, which are never
+        held: which (t,) are confirmed, and which are so for the first time; left: trees of people outside all views, which are never
         re-identified. looks: appearance of the tracks.
         """
-        self._tick += 1
+        self._time, (confirmed, fresh) = time, held
         for tree in left:
             self._seen.pop(tree, None)
-        oldest = self._tick - self.parameters.memory / self.period
-        self._seen = {tree: last for tree, last in self._seen.items() if last.tick >= oldest}
+        oldest = time - self.parameters.memory - ROUNDING
+        self._seen = {tree: last for tree, last in self._seen.items() if last.time >= oldest}
         here = set(tracks.tree[tracks.misses < LOST_MISSES].tolist())
         lost, new = [tree for tree in self._seen if tree not in here], np.flatnonzero(fresh)
         # An unpaired new track is a new person, and an unpaired lost one stays lost: ratio 0.
@@ -105,12 +105,12 @@ class Reidentification:
                 del self._seen[lost[j]]
                 ended.add(lost[j])
         for k in np.flatnonzero(confirmed & (tracks.misses == 0)):
-            self._seen[int(tracks.tree[k])] = _LastDetection(self._tick, tracks.state[k], tracks.covariance[k], looks.of(int(k)))
+            self._seen[int(tracks.tree[k])] = _LastDetection(time, tracks.state[k], tracks.covariance[k], looks.of(int(k)))
         return ended
 
     def _ratio(self, last: _LastDetection, tracks: Tracks, row: int, looks: Appearance) -> float:
         """log-likelihood ratio of the track in `row` being the lost one, against a new person."""
-        q, gap = self.parameters, (self._tick - last.tick) * self.period
+        q, gap = self.parameters, self._time - last.time
         F = np.hstack([np.eye(2), coasting_time(gap, self.motion) * np.eye(2), np.zeros((2, 1))])
         S = F @ last.covariance @ F.T + tracks.covariance[row, :2, :2] + q.diffusion * gap * np.eye(2)
         r = tracks.state[row, :2] - F @ last.state

@@ -138,10 +138,10 @@ class SensorModel:
         box, person = linear_sum_assignment(within, maximize=True)
         return free[box[within[box, person] > 0]]
 
-    def arrival_rate(self, ticks: int) -> float:
-        """New people a square metre and tick. ticks: number of ticks so far, this one included."""
+    def arrival_rate(self, elapsed: float, revisits: float) -> float:
+        """New people a square metre at a tick `elapsed` s after the first, and so many revisits after the last."""
         q = self.parameters
-        return float(q.arrival_rate + q.initial_density * np.exp(-(ticks - 1) * self.setup.period / 0.3))
+        return float(q.arrival_rate * revisits + q.initial_density * np.exp(-elapsed / 0.3))
 
     def initiation_score(
         self, views: list[GroundDetections], cameras: list[Viewpoint], groups: list[CrossViewGroup], others: Tracks, rate: float

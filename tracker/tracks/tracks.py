@@ -13,6 +13,7 @@ import numpy as np
 
 from tracker.geometry import Array, Ints, Mask
 from tracker.types import Setup
+from tracker.types.ticks import ROUNDING
 
 
 @dataclass(frozen=True)
@@ -33,14 +34,14 @@ class Tracks:
     """Rows are tracks.
 
     tree (n,): ids, never used again; state (n, 5): x, y m, velocity m/s and stature m; covariance (n, 5, 5); score (n,): existence score, a
-    log-likelihood ratio over clutter. misses (n,): frames without a box in a row.
+    log-likelihood ratio over clutter. misses (n,): time since the last box, in revisits (Setup.revisit): ticks where all cameras are in step.
     """
 
     tree: Ints
     state: Array
     covariance: Array
     score: Array
-    misses: Ints
+    misses: Array
 
     def __len__(self) -> int:
         return len(self.tree)
@@ -60,8 +61,8 @@ def transition(dt: float, motion: MotionParameters) -> tuple[Array, Array]:
     return F, np.kron(np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]]), np.eye(2)) * motion.acceleration**2
 
 
-def coasting_transition(misses: Ints, dt: float, motion: MotionParameters) -> tuple[Array, Array]:
-    """Transitions F (n, 5, 5) and process noise Q (5, 5) of `dt` seconds, for tracks with so many ticks (n,) without a box.
+def coasting_transition(gap: Array, dt: float, motion: MotionParameters) -> tuple[Array, Array]:
+    """Transitions F (n, 5, 5) and process noise Q (5, 5) of `dt` seconds, for tracks that had no box for `gap` (n,) s before.
 
     As `transition`, except that the velocity of coasting tracks decays like the mean of an Ornstein-Uhlenbeck process. The stature is a random walk.
     """
@@ -71,7 +72,7 @@ def coasting_transition(misses: Ints, dt: float, motion: MotionParameters) -> tu
     fade = np.exp(-dt / motion.fade_time)
     fading = np.diag([1.0, 1.0, fade, fade, 1.0])
     fading[0, 2] = fading[1, 3] = coasting_time(dt, motion)
-    return np.where((misses * dt > motion.fade_after)[:, None, None], fading, F), Q
+    return np.where((gap > motion.fade_after)[:, None, None], fading, F), Q
 
 
 def coasting_time(gap: float, motion: MotionParameters) -> float:
@@ -111,18 +112,17 @@ class TrackIds:
     def __init__(self, setup: Setup) -> None:
         self.setup = setup
         self._ids: dict[int, int] = {}
-        self._outside_since: dict[int, int] = {}  # tree → tick
-        self._next, self._tick = 1, 0
+        self._outside_since: dict[int, float] = {}  # tree → s
+        self._next = 1
 
-    def report(self, people: Tracks) -> tuple[Ints, Array, Array]:
-        """Ids (k,), places on the ground (k, 3) m and covariances (k, 3, 3) of the people in the area."""
-        self._tick += 1
+    def report(self, people: Tracks, time: float) -> tuple[Ints, Array, Array]:
+        """Ids (k,), places on the ground (k, 3) m and covariances (k, 3, 3) of the people in the area at `time` s."""
         beyond = self.setup.distance_beyond(people.state)
         for tree, far in zip(people.tree.tolist(), beyond.tolist(), strict=True):
             if far > 0:
-                self._outside_since.setdefault(tree, self._tick)
+                self._outside_since.setdefault(tree, time)
             # Ticks without the track count, too.
-            if far >= EXIT_DISTANCE or (self._tick - self._outside_since.get(tree, self._tick)) * self.setup.period > EXIT_TIME:
+            if far >= EXIT_DISTANCE or time - self._outside_since.get(tree, time) > EXIT_TIME + ROUNDING:
                 self._ids.pop(tree, None)
             if far <= 0:
                 self._outside_since.pop(tree, None)

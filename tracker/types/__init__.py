@@ -8,7 +8,7 @@ from tracker.types.estimate import Estimate, LandmarkHistory, MapSnapshot
 from tracker.types.robot_sensors import ImuSamples, SensorSamples, SensorSetup, WheelSamples
 from tracker.types.sequence import Sequence, Ticks, TicksInMemory, without_starts
 from tracker.types.setup import Mount, Setup, Start
-from tracker.types.ticks import Odometry, Tick, View
+from tracker.types.ticks import Intervals, Odometry, Tick, View
 from tracker.types.truth import HIDDEN, KEYPOINT_COUNT, KEYPOINT_NAMES, VISIBLE, Boxes, Keypoints, Truth, ViewTruth
 
 __all__ = [
@@ -20,6 +20,7 @@ __all__ = [
     "Detections",
     "Estimate",
     "ImuSamples",
+    "Intervals",
     "Keypoints",
     "LandmarkHistory",
     "MapSnapshot",

@@ -17,6 +17,7 @@ class Mount:
     """A camera on a robot: T_body_camera, and the name of the robot.
 
     readout: s from the first row to the last of a rolling shutter. exposure: s. The time of a frame is the end of its last row's exposure.
+    period: usual s between its frames, 0 for that of the setup.
     """
 
     camera: Camera
@@ -24,6 +25,7 @@ class Mount:
     robot: str
     readout: float = 0.0
     exposure: float = 0.0
+    period: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +44,7 @@ class Start:
 class Setup:
     """The constant inputs of the tracker.
 
-    mounts: camera name → Mount. ground: the terrain. starts: robot → Start, None where unknown. period s.
+    mounts: camera name → Mount. ground: the terrain. starts: robot → Start, None where unknown. period: s between frames, which are reported.
     area: (2, 2) m, the lowest and highest x, y in which targets are reported, or None for no limit.
     height: lowest and highest stature of a person, m. occluders: height map of walls and furniture, or None where unknown.
     pillars (p, 5): upright cylinders that occlude people where no occluders are known: x, y, radius, lowest and highest z in metres.
@@ -66,6 +68,11 @@ class Setup:
         missing = {m.robot for m in self.mounts.values()} - set(self.starts)
         if missing:
             raise ValueError(f"robots {sorted(missing)} carry cameras and have no entry in starts")
+
+    @property
+    def revisit(self) -> float:
+        """s in which every camera usually reports once: the longest period of a camera. Counts of missed detections are in this unit."""
+        return max((mount.period or self.period for mount in self.mounts.values()), default=self.period)
 
     def is_fixed(self, robot: str) -> bool:
         """Whether `robot` stands for a fixed camera: its start pose is known and has zero covariance."""

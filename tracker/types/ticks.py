@@ -50,8 +50,30 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Tick:
-    """One frame: index from 0, time = index · period in seconds, and a View for each camera that reported."""
+    """The views of one time [s], one for each camera that reported then.
+
+    index: the frame from 0 that the tick leads to. reported: whether it is the last tick of that frame, after which its estimate is reported.
+    Where all cameras are in step, each tick is a frame.
+    """
 
     index: int
     time: float
     views: tuple[View, ...]
+    reported: bool = True
+
+
+ROUNDING = 1e-6
+"""Share of an interval by which computed times may be off."""
+
+
+class Intervals:
+    """Real intervals between successive times. Those that differ from `usual` s by rounding alone, and the first one, are `usual`."""
+
+    def __init__(self, usual: float) -> None:
+        self.usual = usual
+        self._last: float | None = None
+
+    def step(self, time: float) -> float:
+        """s since the time before."""
+        last, self._last = self._last, time
+        return self.usual if last is None or abs(time - last - self.usual) < ROUNDING * self.usual else time - last

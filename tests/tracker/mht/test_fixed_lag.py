@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tracker.detections.cross_view import CrossViewGroup
+from tracker.mht.tick_memory import Step
 from tracker.mht.track_trees import MhtFixedLagSmoother, TrackHypotheses, initiated, predict
 from tracker.tracks.tracks import MotionParameters, coasting_transition, transition
 
@@ -37,13 +38,18 @@ def people(tree: list[int], window: int) -> TrackHypotheses:
     return replace(leaves, tree=np.array(tree))
 
 
+def step(window: int) -> Step:
+    """A period, of which so many ticks are remembered."""
+    return Step(PERIOD, PERIOD, 0.0, 0, window)
+
+
 def filtered(measured: np.ndarray) -> list[TrackHypotheses]:
     """A Kalman filter on the measurements (n, 2), NaN where there is none: its confirmed leaf after each of them."""
     leaf, H, out = people([7], len(measured)), np.eye(2, 5), []
     leaf = replace(leaf, confirmed=np.ones(1, dtype=bool))
     for k, z in enumerate(measured):
         if k:
-            leaf = predict(leaf, PERIOD, MOTION)
+            leaf = predict(leaf, step(len(measured)), MOTION)
         state, P, seen = leaf.state[0], leaf.covariance[0], np.isfinite(z).all()
         if seen:
             K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
@@ -63,8 +69,8 @@ PRESENT = np.ones(1, dtype=bool)
 def test_the_smoothed_state_is_the_batch_estimate(unseen: Sequence[int]) -> None:
     steps = 12
     measured = measurements(np.random.default_rng(0), steps, unseen)
-    leaves, lag = filtered(measured), MhtFixedLagSmoother(steps - 1, PERIOD, MOTION, 1.0)
-    reported = [lag.feed(leaf, PRESENT) for leaf in leaves]
+    leaves, lag = filtered(measured), MhtFixedLagSmoother(steps - 1, MOTION, 1.0)
+    reported = [lag.feed(leaf, PRESENT, PERIOD) for leaf in leaves]
     assert all(tracks is None for tracks in reported[:-1])
     first = reported[-1]
     assert first is not None
@@ -76,7 +82,7 @@ def test_the_smoothed_state_is_the_batch_estimate(unseen: Sequence[int]) -> None
             information[5 * k : 5 * k + 2, 5 * k : 5 * k + 2] += np.linalg.inv(R)
             vector[5 * k : 5 * k + 2] += np.linalg.solve(R, measured[k])
         if k:
-            (F,), Q = coasting_transition(leaves[k - 1].misses, PERIOD, MOTION)
+            (F,), Q = coasting_transition(leaves[k - 1].misses * PERIOD, PERIOD, MOTION)
             A = np.zeros((5, 5 * steps))
             A[:, 5 * k - 5 : 5 * k], A[:, 5 * k : 5 * k + 5] = -F, np.eye(5)
             information += A.T @ np.linalg.solve(Q, A)
@@ -87,8 +93,8 @@ def test_the_smoothed_state_is_the_batch_estimate(unseen: Sequence[int]) -> None
 @pytest.mark.parametrize("delay", [0, 3, 20])
 def test_every_tick_is_reported_once(delay: int) -> None:
     leaves = filtered(measurements(np.random.default_rng(1), 10))
-    lag = MhtFixedLagSmoother(delay, PERIOD, MOTION, 1.0)
-    reported = [tracks for leaf in leaves if (tracks := lag.feed(leaf, PRESENT)) is not None]
+    lag = MhtFixedLagSmoother(delay, MOTION, 1.0)
+    reported = [tracks for leaf in leaves if (tracks := lag.feed(leaf, PRESENT, PERIOD)) is not None]
     assert len(reported) == max(0, 10 - delay)
     while (tracks := lag.drain()) is not None:
         reported.append(tracks)
@@ -97,27 +103,27 @@ def test_every_tick_is_reported_once(delay: int) -> None:
 
 
 def test_without_a_delay_nothing_is_changed() -> None:
-    lag = MhtFixedLagSmoother(0, PERIOD, MOTION, 1.0)
+    lag = MhtFixedLagSmoother(0, MOTION, 1.0)
     for leaf in filtered(measurements(np.random.default_rng(2), 5)):
-        tracks = lag.feed(leaf, PRESENT)
+        tracks = lag.feed(leaf, PRESENT, PERIOD)
         assert tracks is not None
         np.testing.assert_array_equal(tracks.state, leaf.state)
 
 
 def test_tracks_confirmed_later_and_coasting_tracks_that_are_not_deleted_are_reported() -> None:
     def after(leaves: TrackHypotheses, detected: list[bool]) -> TrackHypotheses:
-        later = predict(leaves, PERIOD, MOTION)
+        later = predict(leaves, step(4), MOTION)
         later.detected[:, 0] = detected
         return later
 
-    lag = MhtFixedLagSmoother(2, PERIOD, MOTION, 1.0)
+    lag = MhtFixedLagSmoother(2, MOTION, 1.0)
     first = people([1, 2, 3, 4], 4)
     first.detected[:, 0] = [True, False, False, False]
-    assert lag.feed(first, np.zeros(4, dtype=bool)) is None
+    assert lag.feed(first, np.zeros(4, dtype=bool), PERIOD) is None
     second = after(first, [True, True, False, False])
-    assert lag.feed(second, np.zeros(4, dtype=bool)) is None
+    assert lag.feed(second, np.zeros(4, dtype=bool), PERIOD) is None
     last = replace(after(second, [True, True, False, False]), confirmed=np.ones(4, dtype=bool), deleted=np.array([False, False, False, True]))
-    tracks = lag.feed(last, np.array([True, True, True, False]))
+    tracks = lag.feed(last, np.array([True, True, True, False]), PERIOD)
     assert tracks is not None
     # 1 is confirmed later, 2 has a box again, 3 coasts, 4 is deleted while coasting.
     assert tracks.tree.tolist() == [1, 2, 3]
@@ -131,10 +137,10 @@ def test_a_person_is_reported_until_the_place_is_too_uncertain() -> None:
     assert 3 < known < 16
 
     def reported(last: TrackHypotheses) -> int:
-        lag = MhtFixedLagSmoother(15, PERIOD, MOTION, 1.0)
+        lag = MhtFixedLagSmoother(15, MOTION, 1.0)
         for leaf in leaves[:-1]:
-            assert lag.feed(leaf, ~PRESENT) is None
-        first = lag.feed(last, ~PRESENT)
+            assert lag.feed(leaf, ~PRESENT, PERIOD) is None
+        first = lag.feed(last, ~PRESENT, PERIOD)
         assert first is not None
         return len(first) + sum(len(tracks) for tracks in iter(lag.drain, None))
 
@@ -144,9 +150,9 @@ def test_a_person_is_reported_until_the_place_is_too_uncertain() -> None:
 
 
 def test_a_track_is_not_reported_before_its_initiation() -> None:
-    lag, new = MhtFixedLagSmoother(1, PERIOD, MOTION, 1.0), replace(people([1], 3), confirmed=PRESENT)
-    assert lag.feed(people([], 3), np.zeros(0, dtype=bool)) is None
-    before = lag.feed(new, PRESENT)
+    lag, new = MhtFixedLagSmoother(1, MOTION, 1.0), replace(people([1], 3), confirmed=PRESENT)
+    assert lag.feed(people([], 3), np.zeros(0, dtype=bool), PERIOD) is None
+    before = lag.feed(new, PRESENT, PERIOD)
     assert before is not None
     assert before.tree.tolist() == []
     at = lag.drain()
@@ -158,7 +164,7 @@ def test_a_coasting_track_comes_to_a_halt() -> None:
     walkers = people([1, 2], 2)
     walkers.state[:] = [0.0, 0.0, 1.2, 0.0, 1.7]
     for k in range(40):
-        walkers = predict(replace(walkers, misses=np.array([0, k])), PERIOD, MOTION)
+        walkers = predict(replace(walkers, misses=np.array([0.0, k])), step(2), MOTION)
     seen, unseen = walkers.state
     np.testing.assert_allclose(seen[0], 40 * PERIOD * 1.2)
     # Constant velocity until `fade_after`, and then the distance that a velocity of time constant `fade_time` covers.
@@ -168,5 +174,5 @@ def test_a_coasting_track_comes_to_a_halt() -> None:
 
 
 def test_a_negative_delay_is_refused() -> None:
-    with pytest.raises(ValueError, match="delay is -1 ticks"):
-        MhtFixedLagSmoother(-1, PERIOD, MOTION, 1.0)
+    with pytest.raises(ValueError, match="delay is -1 frames"):
+        MhtFixedLagSmoother(-1, MOTION, 1.0)

@@ -33,18 +33,19 @@ def looks(count: int, axis: int = 0) -> Appearance:
 
 
 def nobody_lost() -> Reidentification:
-    return Reidentification(ReidentificationParameters(), MotionParameters(), PERIOD, NewTargetModel(2e-4, 1.72, 0.12), compared)
+    return Reidentification(ReidentificationParameters(), MotionParameters(), NewTargetModel(2e-4, 1.72, 0.12), compared)
 
 
 def after(gap: int, back: list[Person], start: tuple[Person, ...], left: set[int] | None = None, axis: int = 0) -> Reidentification:
     """`start` are tracked, nobody is detected for `gap` ticks, then the tracks `back` are new. axis: of their vectors; that of `start` is 0."""
     reidentification, people = nobody_lost(), tracks(*start)
     confirmed = np.ones(len(people), dtype=bool)
-    reidentification.step(people, confirmed, confirmed, set(), looks(len(people)))
+    reidentification.step(0.0, people, (confirmed, confirmed), set(), looks(len(people)))
+    none = np.zeros(0, dtype=bool)
     for tick in range(gap):
-        reidentification.step(tracks(), np.zeros(0, dtype=bool), np.zeros(0, dtype=bool), left or set() if tick == 0 else set(), looks(0))
+        reidentification.step((tick + 1) * PERIOD, tracks(), (none, none), left or set() if tick == 0 else set(), looks(0))
     fresh = np.ones(len(back), dtype=bool)
-    reidentification.step(tracks(*back), fresh, fresh, set(), looks(len(back), axis))
+    reidentification.step((gap + 1) * PERIOD, tracks(*back), (fresh, fresh), set(), looks(len(back), axis))
     return reidentification
 
 
@@ -74,12 +75,12 @@ def test_two_lost_people_are_assigned_one_to_one() -> None:
 def test_a_track_with_boxes_is_not_lost() -> None:
     reidentification = nobody_lost()
     one, both = tracks((1, 0.0, 0.0, 0.0, 0.0, 0)), tracks((1, 0.0, 0.0, 0.0, 0.0, 0), (2, 5.0, 5.0, 0.0, 0.0, 0))
-    reidentification.step(one, np.ones(1, dtype=bool), np.ones(1, dtype=bool), set(), looks(1))
-    assert reidentification.step(both, np.ones(2, dtype=bool), np.array([False, True]), set(), looks(2)) == set()
+    reidentification.step(0.0, one, (np.ones(1, dtype=bool),) * 2, set(), looks(1))
+    assert reidentification.step(PERIOD, both, (np.ones(2, dtype=bool), np.array([False, True])), set(), looks(2)) == set()
     assert reidentification.first_tree == {}
     # A coasting track is lost: it is deleted, and the new track gets its id.
     coasting = tracks((1, 1.5, 0.0, 0.0, 0.0, 5), (3, 0.4, 0.0, 0.0, 0.0, 0))
-    assert reidentification.step(coasting, np.ones(2, dtype=bool), np.array([False, True]), set(), looks(2)) == {1}
+    assert reidentification.step(2 * PERIOD, coasting, (np.ones(2, dtype=bool), np.array([False, True])), set(), looks(2)) == {1}
     reported = reidentification.relabelled(coasting)
     assert reported.tree.tolist() == [1]
     assert reported.state[0, 0] == 0.4
@@ -87,9 +88,9 @@ def test_a_track_with_boxes_is_not_lost() -> None:
 
 def test_the_first_id_is_kept_over_several_losses() -> None:
     reidentification, confirmed = after(9, [(5, 1.0, 0.0, 1.0, 0.0, 0)], ((1, 0.0, 0.0, 1.0, 0.0, 0),)), np.ones(1, dtype=bool)
-    for _ in range(9):
-        reidentification.step(tracks(), confirmed[:0], confirmed[:0], set(), looks(0))
-    reidentification.step(tracks((9, 2.2, 0.0, 1.0, 0.0, 0)), confirmed, confirmed, set(), looks(1))
+    for tick in range(11, 20):
+        reidentification.step(tick * PERIOD, tracks(), (confirmed[:0], confirmed[:0]), set(), looks(0))
+    reidentification.step(20 * PERIOD, tracks((9, 2.2, 0.0, 1.0, 0.0, 0)), (confirmed, confirmed), set(), looks(1))
     assert reidentification.first_tree == {5: 1, 9: 1}
 
 
@@ -100,8 +101,8 @@ def test_statures_tell_apart_two_people_who_were_lost_together() -> None:
         for people, tall in ((start, (1.58, 1.88)), (back, (1.87, 1.57))):
             people.state[:, 4], people.covariance[:, 4, 4] = tall, sigma**2
         reidentification, all_of_them = nobody_lost(), np.ones(2, dtype=bool)
-        reidentification.step(start, all_of_them, all_of_them, set(), looks(2))
-        for _ in range(9):
-            reidentification.step(tracks(), all_of_them[:0], all_of_them[:0], set(), looks(0))
-        reidentification.step(back, all_of_them, all_of_them, set(), looks(2))
+        reidentification.step(0.0, start, (all_of_them, all_of_them), set(), looks(2))
+        for tick in range(1, 10):
+            reidentification.step(tick * PERIOD, tracks(), (all_of_them[:0], all_of_them[:0]), set(), looks(0))
+        reidentification.step(10 * PERIOD, back, (all_of_them, all_of_them), set(), looks(2))
         assert reidentification.first_tree == ({7: 2, 8: 1} if confirmed else {7: 1, 8: 2})

@@ -14,11 +14,11 @@ EDGE = 2.3
 def reported_ids(x: list[float | None]) -> set[int]:
     """Reported ids of one person, tree 7, at x (m) in each tick, None for no track; the area ends at EDGE."""
     track_ids, out = TrackIds(synthetic_crowd.setup(area=np.array([[-10.0, -10.0], [EDGE, 10.0]]))), set()
-    for place in x:
+    for k, place in enumerate(x):
         n, one = int(place is not None), np.ones(int(place is not None), dtype=np.int64)
         state = np.zeros((n, 5))
         state[:, 0] = place or 0.0
-        ids, feet, _ = track_ids.report(Tracks(7 * one, state, np.tile(np.eye(5), (n, 1, 1)), 1.0 * one, 0 * one))
+        ids, feet, _ = track_ids.report(Tracks(7 * one, state, np.tile(np.eye(5), (n, 1, 1)), 1.0 * one, 0 * one), k / synthetic_crowd.RATE)
         assert len(ids) == len(feet) == int(place is not None and place <= EDGE)
         out |= set(ids.tolist())
     return out
