@@ -49,7 +49,6 @@ from tracker.tracks.tracks import Tracks
 from tracker.types import Setup
 from tracker.types.ticks import ROUNDING
 
-
 MOSTLY = 0.9
 """Revisits since the last box within which a person counts as seen: less than one, as clocks jitter."""
 
