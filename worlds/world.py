@@ -21,6 +21,7 @@ class World:
     "ground" of the spec. feet, wheels: free space of a walking person and of a small rover. spawn: (k, 2, 2) areas [[xmin, ymin], [xmax, ymax]] m
     where people enter. decks: what of meshes lies over the ground, to be walked on or under.
     seats: (k, 4) x, y and height m of places to sit, and the direction rad in which one looks there.
+    place: of a user's file, the choices as the text of a place.toml, whose first lines say what was guessed or left out.
     Raises ValueError where a spawn area is not free for feet, or where there is none.
     """
 
@@ -32,11 +33,17 @@ class World:
     spawn: Array
     decks: Decks = field(default_factory=Decks)
     seats: Array = field(default_factory=lambda: np.zeros((0, 4)))
+    place: str = ""
 
     @cached_property
     def terrain(self) -> Terrain:
         """What feet and wheels stand on: height_at and normal_at of it."""
         return Terrain(self.ground, self.decks)
+
+    @property
+    def notes(self) -> list[str]:
+        """Lines for the user of what was read, guessed or left out of a file."""
+        return notes_of(self.place)
 
     def tops(self) -> Heightfield:
         """A 2.5-D elevation map: the heights of the terrain and of what stands on it, on the grid of the ground, by rays from above.
@@ -55,6 +62,11 @@ class World:
             blocked = int((~self.feet.free_at(_grid(low, high, self.feet.spacing))).sum())
             if blocked:
                 raise ValueError(f"{blocked} places of the spawn area {low} to {high} m of {self.name} are not free for feet, need 0")
+
+
+def notes_of(place: str) -> list[str]:
+    """The lines of a place.toml that say what was read, guessed or left out."""
+    return [line.removeprefix("# ") for line in place.splitlines() if line.startswith("# ")]
 
 
 def _grid(low: Array, high: Array, spacing: float) -> Array:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import OmitArgPrefixes, arg
 
-from sim.cli.options import Out, json_text
+from sim.cli.options import Out, json_text, print_place
 from sim.cli.scenario_options import USUAL, BoxOptions, CameraSettings, SceneOptions, camera_given, given
 
 if TYPE_CHECKING:
@@ -113,6 +113,7 @@ def run_demo(scenario: Scenario, out: Path, pixels: bool = False, model: Path | 
     write_text(out / "scores.json", json_text(scores, indent=1) + "\n")
     draw(sequence, results, scores, out)
     print(table(scores))
+    print_place(folder)
     _print_files(out)
     return scores
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
-from sim.cli.options import Out, unset
+from sim.cli.options import Out, print_place, unset
 from sim.cli.scenario_options import (
     CameraSettings,
     DetectorSettings,
@@ -133,6 +133,7 @@ class Generate:
         plan = Plan(self.preset, self._preset(), self.out, self.count, form, usable_cores() if self.workers is None else self.workers, self.cluster)
         made = generate(plan)
         counted = f"{plan.count} sequence{'s' * (plan.count != 1)}, {made} new"
+        print_place(self.out / plan.dataset.sequences[0])
         print(f"{self.out}: {counted} (README.md in it); `pilsim check {self.out}` verifies what is there")
 
     def _given(self) -> dict[str, Any]:

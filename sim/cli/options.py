@@ -17,9 +17,18 @@ from tracker.options import unset
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["DetectorModelName", "Out", "changed_options", "command_line", "ground_area", "json_text", "locked", "options_of", "unset"]
+__all__ = ["DetectorModelName", "Out", "changed_options", "command_line", "ground_area", "json_text", "locked", "options_of", "print_place", "unset"]
 
 Out = Annotated[Path, arg(metavar="DIR")]
+
+
+def print_place(sequence: Path) -> None:
+    """Print what was read, guessed or left out of a user's file, where the place of a sequence was made of one."""
+    if (file := sequence / "place.toml").is_file():
+        from worlds.world import notes_of
+
+        for note in notes_of(file.read_text(encoding="utf-8")):
+            print(note)
 
 
 def options_of(command: Any, default: Any = None) -> Iterator[tuple[str, Any, Any]]:

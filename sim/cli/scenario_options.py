@@ -22,7 +22,9 @@ class SceneOptions:
     """The world, and who is in it."""
 
     world: Word = None
-    """Name of the world, as `pilsim worlds` lists it. pilsun is an indoor laboratory with ramps, a step, a platform and furniture."""
+    """Name of the world, as `pilsim worlds` lists it, or a file: a height map (dem.png:size=60,low=0,high=6), a mesh (.glb) or MJCF (.xml).
+
+    pilsun is an indoor laboratory with ramps, a step, a platform and furniture."""
     difficulty: Number = None
     """Difficulty of the terrain, from 0 (gentle) to 1."""
     robots: Whole = None

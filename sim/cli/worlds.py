@@ -20,10 +20,11 @@ class Worlds:
               pilsim worlds --preview runs/worlds --difficulty 1
               pilsim worlds quarry --seed 3 --export quarry.glb
               pilsim worlds campus --distractors 40 --preview runs/worlds
+              pilsim worlds dem.png:size=60,low=0,high=6 --preview runs/worlds
     """
 
     name: Positional[Annotated[str | None, unset("[WORLD]", "all of them")]] = None
-    """Name of one world."""
+    """Name of one world, or a file: a height map, a mesh or MJCF (worlds/README.md)."""
     difficulty: float = 0.5
     """Difficulty of relief, steps, clutter and occlusion, from 0 (gentle) to 1 (some rovers fail)."""
     seed: int = 0
@@ -47,6 +48,8 @@ class Worlds:
             rows = survey(self.name, self.difficulty, self.seed, SurveyOptions(self.preview, self.export, self.slip, self.distractors))
         print(json_text(rows, indent=1) if self.json else describe(rows))
         if not self.json:
+            for note in rows[0].get("notes", []):
+                print(note)
             pictures = [] if self.preview is None else [self.preview / f"{row['world']}.png" for row in rows]
             for path in [*pictures, *([] if self.export is None else [self.export])]:
                 print(f"wrote {path}")

@@ -93,7 +93,8 @@ class PlacementConfig:
     parameters: tuple[tuple[str, Value], ...] = ()
 
     def __post_init__(self) -> None:
-        for name, choices in (("world", tuple(sorted(catalogue.WORLDS))), ("drive", DRIVES), ("observation", OBSERVATIONS), ("action", ACTIONS)):
+        catalogue.check_name(self.world)
+        for name, choices in (("drive", DRIVES), ("observation", OBSERVATIONS), ("action", ACTIONS)):
             if getattr(self, name) not in choices:
                 raise ValueError(f"{name} is {getattr(self, name)!r}, needs one of {', '.join(choices)}")
         for field in dataclasses.fields(self):

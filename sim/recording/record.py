@@ -29,7 +29,8 @@ from sim.sensors.true_boxes import truth_above
 from sim.simulation.simulation import Simulation
 from tracker.geometry import Pose
 from tracker.geometry.ground import Grid
-from tracker.io.atomic import is_free
+from tracker.io.atomic import is_free, write_text
+from tracker.sequence.schema import PLACE_FILE
 from tracker.sequence.writer import ImageForm, SequenceWriter
 from tracker.types import Boxes, Keypoints, Setup, ViewTruth
 from worlds.export import export
@@ -121,6 +122,8 @@ def write_sequence(recording: SimulatedSequence, folder: Path, progress: Any = N
             writer.images.checksums.update(journal.checksums)
             if form.mesh:
                 export(simulation.world, writer.partial / "terrain.glb")
+            if simulation.world.place:
+                write_text(writer.partial / PLACE_FILE, simulation.world.place)
             _Frames(recording, setup, journal).write(writer, sensors, progress)
             writer.images.wait()
         journal.remove()

@@ -67,7 +67,7 @@ class SurveyOptions:
 
 
 def survey(name: str | None, difficulty: float, seed: int, options: SurveyOptions | None = None) -> list[dict[str, Any]]:
-    """Rows of measures (worlds.difficulty) for the world `name`, or for all worlds if it is None.
+    """Rows of measures (worlds.difficulty) for the world `name`, or for all worlds if it is None; with `notes` for a place of a file.
 
     Raises ValueError for an unknown name, a difficulty, seconds or distractors out of bounds, and an export without a name.
     It is also raised if the folder of pictures is a file.
@@ -86,10 +86,12 @@ def survey(name: str | None, difficulty: float, seed: int, options: SurveyOption
         world = world_of(scenario)
         if options.file is not None:
             export(world, options.file)
-        measures = asdict(measure(world) if options.pictures is None else preview(scenario, world, options.pictures / f"{each}.png"))
+        measures = asdict(measure(world) if options.pictures is None else preview(scenario, world, options.pictures / f"{world.name}.png"))
         if options.seconds:
             measures["slip"] = wheel_slip.measure(Simulation(replace(scenario, people=0, robots=DRIVEN), world), options.seconds).error
-        rows.append({"world": each, "difficulty": difficulty, "seed": seed} | {key: round(value, 4) for key, value in measures.items()})
+        rows.append({"world": world.name, "difficulty": difficulty, "seed": seed} | {key: round(value, 4) for key, value in measures.items()})
+        if world.notes:
+            rows[-1]["notes"] = world.notes
     return rows
 
 

@@ -6,12 +6,14 @@ https://huggingface.co/docs/hub/datasets-cards
 from __future__ import annotations
 
 import json
+import tomllib
 from pathlib import Path
 
 from tracker.datasets.croissant import ManifestFiles, tables_of
 from tracker.io.atomic import write_text
 from tracker.io.json_files import read_json
 from tracker.sequence.dataset import read_dataset, sequences
+from tracker.sequence.schema import PLACE_FILE
 
 LICENSE = "apache-2.0"
 TASKS = ("object-detection", "image-segmentation", "keypoint-detection")
@@ -74,12 +76,24 @@ def card_of(folder: Path) -> str:
     file_of = {name: file for name, (file, *_) in tables_of(folder).items()}
     tables = {config: listed for config in TABLES if (listed := files.holding(file_of[config]))}
     title = f"{dataset.preset} by pilsim"
-    return "\n".join(["---", *_front(title, sum(images), tables), "---", "", f"# {title}", *body.splitlines(), ""])
+    source = _source(paths[0])
+    front = _front(title, sum(images), tables, bool(source))
+    return "\n".join(["---", *front, "---", "", f"# {title}", *body.splitlines(), *source, ""])
 
 
-def _front(title: str, images: int, tables: dict[str, list[str]]) -> list[str]:
-    """Lines of YAML. Strings are quoted as in JSON, which is valid YAML."""
-    lines = [f"pretty_name: {json.dumps(title)}", f"license: {LICENSE}", "annotations_creators:", "- machine-generated", "task_categories:"]
+def _source(sequence: Path) -> list[str]:
+    """Lines about the file that the place was made of, where it is no world of pilsim."""
+    if not (sequence / PLACE_FILE).is_file():
+        return []
+    place = tomllib.loads((sequence / PLACE_FILE).read_text(encoding="utf-8"))
+    licence = f"its licence: {place['licence']}" if place.get("licence") else "its licence is not told (licence=)"
+    return ["", f"The place was made of `{Path(str(place.get('source'))).name}`; {licence}. `{sequence.name}/{PLACE_FILE}` has the choices for it."]
+
+
+def _front(title: str, images: int, tables: dict[str, list[str]], foreign: bool) -> list[str]:
+    """Lines of YAML. Strings are quoted as in JSON, which is valid YAML. foreign: whether the place is of a file with a licence of its own."""
+    licence = "other" if foreign else LICENSE
+    lines = [f"pretty_name: {json.dumps(title)}", f"license: {licence}", "annotations_creators:", "- machine-generated", "task_categories:"]
     lines += [f"- {task}" for task in TASKS]
     lines += ["size_categories:", f"- {json.dumps(size_of(images))}", "tags:", *(f"- {tag}" for tag in TAGS), "configs:"]
     for config, paths in tables.items():

@@ -173,3 +173,9 @@ Errors of the cameras, only where they were asked for; `scenario.json` has their
 * Of a camera with two lenses, CAMERA_front and CAMERA_back are the lenses, and CAMERA is the panorama stitched of them. A pixel of it has the
   instance, class and range of the lens with the larger share of it; range is along the ray of that lens.
 """
+
+PLACE_FILE = "place.toml"
+"""The choices for a place of a user's file, in a sequence in it."""
+PLACE_README = """
+* `place.toml`: the file that the place was made of, with its SHA-256, and all choices for it; its first lines say what was read, guessed or left out.
+"""

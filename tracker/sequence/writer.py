@@ -36,6 +36,8 @@ from tracker.sequence.schema import (
     JOINTS,
     KEYPOINTS,
     ODOMETRY,
+    PLACE_FILE,
+    PLACE_README,
     README,
     ROBOT_DETECTIONS,
     ROBOTS,
@@ -255,6 +257,7 @@ class SequenceWriter:
         self._write_calibrations()
         notes = SITTING_README if self._says_who_sits else ""
         notes += (SENSORS_README if self.sensors else "") + (EFFECTS_README if self._effect_tables else "")
+        notes += PLACE_README if (root / PLACE_FILE).is_file() else ""
         (root / "README.md").write_text(README + notes, encoding="utf-8")
         if self.sensors and self.sensors.description:
             _write_json(root / "sensors.json", dict(self.sensors.description))

@@ -6,12 +6,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from worlds.engine import mujoco
-from worlds.textures.canvas import Canvas
+from worlds.textures.canvas import Canvas, Image
 
 
 def add_material(spec: mujoco.MjSpec, name: str, canvas: Canvas, shine: float = 0.1) -> None:
     """A matt material of that name with the picture as its texture."""
-    image = canvas.image()
+    add_picture(spec, name, canvas.image(), shine)
+
+
+def add_picture(spec: mujoco.MjSpec, name: str, image: Image, shine: float = 0.1) -> None:
+    """As `add_material`, with an image (rows, columns, 3) uint8, row 0 on top."""
     texture = spec.add_texture(name=name, type=mujoco.mjtTexture.mjTEXTURE_2D)
     texture.height, texture.width, texture.nchannel = image.shape
     texture.data = image.tobytes()

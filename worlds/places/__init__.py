@@ -1,0 +1,3 @@
+"""Places of a user: height maps, meshes and MJCF become worlds like those of the catalogue.
+
+Read `place.py` first."""

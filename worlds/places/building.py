@@ -1,0 +1,20 @@
+"""The world of a file: it is read by its kind."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from worlds.places.place import HEIGHT_MAP, place_of
+from worlds.places.terrain_place import build_terrain
+from worlds.world import World
+
+
+def build_place(name: str, rng: np.random.Generator) -> World:
+    """The world of the name of a file, with its choices. Raises ValueError, which says what to change, where it cannot be used."""
+    place = place_of(name)
+    try:
+        if place.kind == HEIGHT_MAP:
+            return build_terrain(place, rng)
+        raise ValueError(f"is a {place.kind}")
+    except ValueError as error:
+        raise ValueError(f"{place.source}: {str(error).removeprefix(f'{place.source}: ')}") from None
