@@ -23,6 +23,7 @@ MOST_FILES, MOST_COMMANDS, MOST_LINES = 15, 30, 600
 LAYERS: dict[str, dict[str, set[str]]] = {
     "worlds": {
         "engine": set(),
+        "attachment": {"engine"},
         "terrain": {"engine"},
         "textures": {"engine", "terrain"},
         "props": {"engine", "terrain", "textures"},
@@ -30,7 +31,7 @@ LAYERS: dict[str, dict[str, set[str]]] = {
         "triangles": {"engine", "world", "terrain"},
         "scenes": {"engine", "terrain", "textures", "props", "world"},
         "semantics": set(),
-        "places": {"engine", "terrain", "textures", "world", "triangles", "semantics"},
+        "places": {"engine", "attachment", "terrain", "textures", "world", "triangles", "semantics"},
         "catalogue": {"scenes", "places", "world"},
         "export": {"engine", "semantics", "terrain", "textures", "triangles", "world"},
         "difficulty": {"terrain", "triangles", "world"},

@@ -14,6 +14,16 @@ from worlds.terrain.walk_surface import Decks, Terrain
 
 
 @dataclass(frozen=True, eq=False)
+class PlaceCamera:
+    """A camera of a user's MJCF: rotation (3, 3) and position (3,) m of T_world_camera, x forward, z up; view: vertical field of view, rad."""
+
+    name: str
+    rotation: Array
+    position: Array
+    view: float
+
+
+@dataclass(frozen=True, eq=False)
 class World:
     """A scene without actors.
 
@@ -22,6 +32,7 @@ class World:
     where people enter. decks: what of meshes lies over the ground, to be walked on or under.
     seats: (k, 4) x, y and height m of places to sit, and the direction rad in which one looks there.
     place: of a user's file, the choices as the text of a place.toml, whose first lines say what was guessed or left out.
+    cameras: those of a user's MJCF, which are fixed cameras.
     Raises ValueError where a spawn area is not free for feet, or where there is none.
     """
 
@@ -34,6 +45,7 @@ class World:
     decks: Decks = field(default_factory=Decks)
     seats: Array = field(default_factory=lambda: np.zeros((0, 4)))
     place: str = ""
+    cameras: tuple[PlaceCamera, ...] = ()
 
     @cached_property
     def terrain(self) -> Terrain:

@@ -14,6 +14,7 @@ from sim.parallel.pool import drawing_alone
 from sim.recording.drawing_workers import DrawingWorkers, drawing_workers
 from sim.recording.frame_journal import NAME as JOURNAL
 from sim.recording.record import SimulatedSequence, write_sequence
+from sim.recording.tracker_setup import cameras_of
 from sim.simulation.simulation import Simulation, furnished
 from tracker.io.atomic import partial_path
 from tracker.io.file_lock import Locked, file_lock
@@ -86,6 +87,6 @@ class SequenceTask:
         world = confine(world, self.preset.ground, scenario.stream("world/confined"))
         world = furnished(world, scenario)
         place = corner_cameras if self.preset.corners else place_cameras
-        fixed = place(world, self.preset.views, scenario.view_width)
+        fixed = cameras_of(world, scenario.view_width) or place(world, self.preset.views, scenario.view_width)
         simulation, made_by = Simulation(scenario, world=world), provenance(self.name, self.preset)
         return SimulatedSequence(simulation, fixed, made_by, self.form, drawing, self.cluster)

@@ -22,7 +22,7 @@ from sim.recording.drawing_workers import DrawingWorkers, draw_on_cluster, drawi
 from sim.recording.frame_journal import FrameJournal
 from sim.recording.frames import Frame, FrameAssembler, FrameState, simulated_frames
 from sim.recording.shots import Moment, ShotPlan
-from sim.recording.tracker_setup import FixedCamera, make_setup, told_setup
+from sim.recording.tracker_setup import FixedCamera, cameras_of, make_setup, told_setup
 from sim.scenario import Scenario
 from sim.sensors.robot_sensors import RobotSensors
 from sim.sensors.true_boxes import truth_above
@@ -74,7 +74,8 @@ class SimulatedSequence:
 
     @staticmethod
     def of(scenario: Scenario, workers: DrawingWorkers | None = None) -> SimulatedSequence:
-        return SimulatedSequence(Simulation(scenario), {}, json.loads(scenario.to_json()), workers=workers)
+        simulation = Simulation(scenario)
+        return SimulatedSequence(simulation, cameras_of(simulation.world, scenario.view_width), json.loads(scenario.to_json()), workers=workers)
 
     @property
     def scenario(self) -> Scenario:

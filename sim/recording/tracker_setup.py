@@ -14,9 +14,10 @@ from sim.recording.shots import MountedRig, mounted_rigs, rig_of
 from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
 from tracker.geometry import Pose
-from tracker.geometry.cameras import Camera
+from tracker.geometry.cameras import Camera, pinhole
 from tracker.geometry.ground import Grid
 from tracker.types import Mount, Setup, Start
+from worlds.world import World
 
 # Standard deviations of the known start pose of a robot, in metres and radians of its right tangent.
 START_SIGMA = np.array([0.01, 0.01, 0.01, 0.003, 0.003, 0.005])
@@ -34,6 +35,14 @@ class FixedCamera:
 
     camera: Camera
     T_world_camera: Pose
+
+
+def cameras_of(world: World, width: int) -> dict[str, FixedCamera]:
+    """The cameras of a user's MJCF as fixed cameras View_001 …, with pictures `width` px wide, three quarters as high."""
+    height = 2 * round(0.375 * width)
+    lenses = (pinhole(width, height, 2 * math.atan(math.tan(one.view / 2) * width / height)) for one in world.cameras)
+    poses = (Pose(one.rotation, one.position) for one in world.cameras)
+    return {f"View_{k + 1:03d}": FixedCamera(lens, pose) for k, (lens, pose) in enumerate(zip(lenses, poses, strict=True))}
 
 
 def make_setup(simulation: Simulation, fixed: Mapping[str, FixedCamera] | None = None) -> Setup:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sim.rendering.geometry import DRAWN, G, ShapeBuffers
 from tracker.geometry import Array, Pose
 from worlds.engine import mujoco
-from worlds.semantics import CLASSES, class_of
+from worlds.semantics import CLASSES, class_of, kind_of
 
 Indices = NDArray[np.int64]
 
@@ -209,7 +209,8 @@ def _materials(model: mujoco.MjModel, geom: Indices, records: NDArray[np.void]) 
 def classes(model: mujoco.MjModel) -> NDArray[np.uint8]:
     """Class (ngeom,) of every geom, from its name or its body's name; 0 for geoms that are not drawn.
 
-    Raises ValueError for a drawn geom whose name worlds.semantics does not know.
+    A geom of a user's MJCF has a prefix in its name, or none; the words in the names of its body, material and geom tell.
+    Raises ValueError for a drawn geom of another name that worlds.semantics does not know.
     """
     out = np.zeros(model.ngeom, np.uint8)
     for k in np.flatnonzero(np.isin(model.geom_group, (*GROUPS, ABSENT)) & (model.geom_rgba[:, 3] > 0)):
@@ -219,5 +220,9 @@ def classes(model: mujoco.MjModel) -> NDArray[np.uint8]:
         elif body.startswith("robot_"):
             out[k] = CLASSES.index("robot")
         else:
-            out[k] = class_of(name)
+            out[k] = class_of(name if "/" not in name and name else kind_of(f"{body} {_material_name(model, int(k))} {name}") or "beam")
     return out
+
+
+def _material_name(model: mujoco.MjModel, geom: int) -> str:
+    return str(model.mat(int(model.geom_matid[geom])).name) if model.geom_matid[geom] >= 0 else ""

@@ -1,0 +1,65 @@
+"""Sequences in places of a user: the truth is as exact as in our own worlds, and the bytes do not depend on the number of workers."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim.recording.record import record
+from sim.scenario import Scenario
+from sim.simulation import Simulation
+from tests.worlds.places.samples import MODEL, write_house, write_png
+from tracker.sequence.reader import read_sequence
+
+PLACES = ("dem.png", "house.glb", "site.xml")
+
+
+def named(folder: Path, place: str) -> str:
+    """The name of the world of a file, which is written into a folder."""
+    if place.endswith(".png"):
+        return write_png(folder / place)
+    if place.endswith(".glb"):
+        return write_house(folder / place)
+    (folder / place).write_text(MODEL)
+    return str(folder / place)
+
+
+def digests(folder: Path) -> dict[str, str]:
+    return {path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.render
+@pytest.mark.command
+@pytest.mark.parametrize("place", PLACES)
+def test_one_worker_and_two_write_the_same_bytes(tmp_path: Path, place: str) -> None:
+    scenario = Scenario(world=named(tmp_path, place), robots=1, people=3, frames=2, width=128, seed=3)
+    for workers in (1, 2):
+        record(scenario, tmp_path / str(workers), workers=workers)
+    assert digests(tmp_path / "1") == digests(tmp_path / "2")
+    sequence = read_sequence(tmp_path / "1")
+    assert "place.toml" in (tmp_path / "1" / "README.md").read_text()
+    assert place in (tmp_path / "1" / "place.toml").read_text()
+    assert ("View_001" in sequence.setup.mounts) == (place == "site.xml")
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("place", PLACES)
+def test_feet_are_on_the_ground_and_nobody_is_in_a_wall(tmp_path: Path, place: str, seed: int) -> None:
+    """Over ten seeds a place: the sole that is lowest touches the ground to 2 cm, and the middles of bodies are free."""
+    simulation = Simulation(Scenario(world=named(tmp_path, place), robots=1, people=6, frames=30, seed=seed))
+    for _ in range(30):
+        simulation.step()
+        feet = simulation.feet()
+        assert (simulation.world.feet.clearance_at(feet[:, :2]) > -0.1).all()
+        ankles = simulation.joints()[:, 15:17]
+        ground = simulation.world.terrain.height_at(ankles.reshape(-1, 3)[:, :2]).reshape(-1, 2)
+        # An ankle of a standing foot is 5 to 12 cm over its sole.
+        lowest = (ankles[..., 2] - ground).min(axis=1)
+        assert (lowest > 0.0).all(), lowest
+        assert (lowest < 0.16).all(), lowest
+        assert not any(simulation.tipped().values())
+    assert np.isfinite(simulation.data.qpos).all()

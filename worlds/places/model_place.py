@@ -1,0 +1,109 @@
+"""The world of MJCF: its bodies, lights and cameras as they are, attached with a prefix; free space from its triangles."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from worlds.attachment import attach, read_model
+from worlds.engine import mujoco
+from worlds.places.mesh_place import HIDDEN, level_of, world_of_level
+from worlds.places.place import Place
+from worlds.terrain.heightfield import Array
+from worlds.textures.materials import add_light, add_sky
+from worlds.triangles import DRAWN_GROUPS, geom_triangles
+from worlds.world import PlaceCamera, World
+
+PREFIX = "place/"
+SHOWN = (0, 1, 2)
+"""Groups of geoms that MuJoCo's viewer shows; the others are contacts."""
+MOST_LIGHTS = 6
+"""OpenGL's eight, less the headlight and one to spare."""
+OPEN = 15.0
+"""m: half the side of an infinite plane that is walked on, where nothing else bounds the place."""
+BEYOND = 3.0
+"""m that an infinite plane is walked on beyond all other things."""
+
+
+def build_model(place: Place, rng: np.random.Generator) -> World:
+    """The world of MJCF. Raises ValueError where MuJoCo cannot compile it, and where people or rovers could not get about in it."""
+    user = read_model(place.source)
+    notes = _prepared(user)
+    spec = mujoco.MjSpec()
+    spec.modelname = place.name
+    spec.visual.headlight.ambient = np.maximum(user.visual.headlight.ambient, 0.2)
+    spec.visual.headlight.diffuse, spec.visual.headlight.specular = user.visual.headlight.diffuse, user.visual.headlight.specular
+    lit = len(user.lights) > 0
+    attach(spec, user, PREFIX)
+    if not any(texture.type == mujoco.mjtTexture.mjTEXTURE_SKYBOX for texture in spec.textures):
+        add_sky(spec, (0.36, 0.56, 0.84), (0.84, 0.89, 0.94))
+    if not lit:
+        add_light(spec, [0.5, 0.35, -1.0], 1.0)
+    model, data = _posed(spec, place)
+    triangles = _triangles(model, data)
+    level, more = level_of(place, triangles)
+    cameras = _cameras(model, data)
+    moving = sum(1 for geom in range(model.ngeom) if model.body_weldid[model.geom_bodyid[geom]] != 0)
+    said = [f"{place.source.name}: {model.nbody - 1} bodies, {model.ngeom} geoms, {len(cameras)} cameras, which are fixed cameras", *notes, *more]
+    if moving:
+        said.append(f"{moving} geoms of bodies that move are obstacles where they are at the start")
+    world = world_of_level(place, spec, level, rng, place.toml({}, said))
+    return World(world.name, spec, world.ground, world.feet, world.wheels, world.spawn, world.decks, place=world.place, cameras=cameras)
+
+
+def _prepared(user: mujoco.MjSpec) -> list[str]:
+    """Change what a scene of ours cannot have, and say what."""
+    notes = []
+    for geom in user.geoms:
+        geom.group = 1 if geom.group in SHOWN else HIDDEN
+    lights = [light for light in user.lights if light.active]
+    for light in lights[MOST_LIGHTS:]:
+        light.active = False
+    if len(lights) > MOST_LIGHTS:
+        notes.append(f"{len(lights) - MOST_LIGHTS} of its {len(lights)} lights are out: images have {MOST_LIGHTS}")
+    return notes
+
+
+def _posed(spec: mujoco.MjSpec, place: Place) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    try:
+        model = spec.copy().compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise ValueError(f"MuJoCo cannot use {place.source.name} in a scene: {' '.join(str(error).split())[:200]}") from None
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+def _triangles(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """(k, 3, 3) m: all that is drawn. An infinite plane is as large as the rest and BEYOND."""
+    found, planes = [], []
+    for geom in range(model.ngeom):
+        if model.geom_group[geom] not in DRAWN_GROUPS or model.geom_rgba[geom, 3] == 0:
+            continue
+        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
+            planes.append(geom)
+        else:
+            found.append(geom_triangles(model, data, geom))
+    points = np.concatenate(found).reshape(-1, 3) if found else np.zeros((0, 3))
+    reach = float(np.abs(points[:, :2]).max()) + BEYOND if len(points) else OPEN
+    found += [_plane(model, data, geom, reach) for geom in planes]
+    if not found:
+        raise ValueError("has no geom that is drawn (groups 0 to 2)")
+    return np.concatenate(found)
+
+
+def _plane(model: mujoco.MjModel, data: mujoco.MjData, geom: int, reach: float) -> Array:
+    """The two triangles of a plane, at most as large as images show it; reach: half the side of an infinite one, m."""
+    x, y = (float(size) if size > 0 else reach for size in model.geom_size[geom, :2])
+    corners = np.array([(-x, -y, 0), (x, -y, 0), (x, y, 0), (-x, y, 0)]) @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
+    return corners[[[0, 1, 2], [0, 2, 3]]]
+
+
+def _cameras(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[PlaceCamera, ...]:
+    """Its cameras that stand still. MuJoCo's look along −z with y up; ours along x with z up."""
+    ours = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
+    out = []
+    for k in range(model.ncam):
+        if model.body_weldid[model.cam_bodyid[k]] == 0 and model.cam_mode[k] == mujoco.mjtCamLight.mjCAMLIGHT_FIXED:
+            turned = data.cam_xmat[k].reshape(3, 3) @ ours
+            out.append(PlaceCamera(model.camera(k).name.removeprefix(PREFIX), turned, data.cam_xpos[k].copy(), float(np.radians(model.cam_fovy[k]))))
+    return tuple(out)
