@@ -28,4 +28,6 @@ def _choose_numba_cache() -> None:
 
 
 _choose_numba_cache()
-gymnasium.register("pilsim/Placement-v0", "sim.placement.env:Placement", max_episode_steps=240)
+gymnasium.register(
+    "pilsim/Placement-v0", "sim.placement.env:Placement", max_episode_steps=240, vector_entry_point="sim.placement.vector_env:PlacementVector"
+)

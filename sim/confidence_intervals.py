@@ -24,7 +24,7 @@ _BOUNDS: dict[str, Bounds] = (
     | dict.fromkeys(("idf1", "hota", "map_complete", "map_ghosts", "visible_recall", "seen", "seen_twice"), SHARE)
     | dict.fromkeys(("ate_m", "dead_reckoning_m", "ate_bound_m", "motp_m", "target_bound_m", "map_aligned_m", "robots_off"), AT_LEAST_ZERO)
     | dict.fromkeys(("efficiency", "clique_gap", "gospa", "misses", "false_positives", "switches", "truths"), AT_LEAST_ZERO)
-    | dict.fromkeys(("collisions", "near_misses", "tip_overs", "energy"), AT_LEAST_ZERO)
+    | dict.fromkeys(("collisions", "near_misses", "tip_overs", "energy", "way_m", "act_ms"), AT_LEAST_ZERO)
 )
 FEWEST_RESAMPLED = 6
 """Values from which the bootstrap is used. Five values have too few distinct resamples for a coverage near 95 %."""

@@ -74,7 +74,7 @@ LAYERS: dict[str, dict[str, set[str]]] = {
         "sensors": {"pedestrian", "rendering", "robots", "simulation", "scenario"},
         "visualization": {"simulation", "rendering", "scenario"},
         "recording": {"sensors", "simulation", "rendering", "pedestrian", "scenario", "cameras", "effects", "parallel"},
-        "placement": {"recording", "sensors", "simulation", "crowd", "robots", "pedestrian", "rendering", "scenario"},
+        "placement": {"recording", "sensors", "simulation", "crowd", "robots", "pedestrian", "rendering", "scenario", "parallel"},
         "datasets": {"recording", "simulation", "crowd", "robots", "pedestrian", "parallel", "visualization", "scenario"},
         "training": {"datasets", "sensors", "simulation", "rendering", "parallel", "scenario"},
         "policies": {"placement", "simulation", "robots", "parallel", "scenario", "confidence_intervals"},

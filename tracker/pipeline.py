@@ -127,6 +127,10 @@ class Tracker:
         """The estimate of the oldest frame that is waiting, after the last tick; None where none is."""
         return self._completed(self._people.drain())
 
+    def current(self) -> Tracks:
+        """The people of the last tick by what is known so far, whatever the delay; not yet reported. Raises ValueError before the first tick."""
+        return self._people.current()
+
     def _completed(self, people: Tracks | None) -> Estimate | None:
         """The waiting estimate with its people, None without people to report."""
         if people is None:

@@ -149,6 +149,11 @@ class Crowd:
             self.postures.kept(state.body, body, self.free_space, packed, dt)
         return CrowdState(body, state.time + dt, entered)
 
+    def constants(self) -> tuple[SteeringGrid, tuple[NDArray[np.int64], Array], BehaviorState]:
+        """What compiled steps of this crowd need, with the directions to all goals: the grid, groups with speeds, and plans."""
+        self._compute_directions(np.arange(len(self.plans.goals), dtype=np.float64))
+        return self._grid, self._groups, self._behavior
+
     def _compute_directions(self, goals: Array) -> None:
         for number in map(int, np.unique(goals)):
             if number not in self._known:

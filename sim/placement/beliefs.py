@@ -1,7 +1,6 @@
 """Kalman filters of people whose identities are known: one filter of planar position and velocity per person, compiled.
 
-A camera measures azimuth and elevation of the feet, and the ground gives their distance. An elevation error e of a point at the horizontal
-distance r and h below the camera moves the point by e (r² + h²) / h.
+Detections are drawn with the probabilities of the detector, and have its errors (information.py).
 Motion model: constant velocity (Bar-Shalom, Li and Kirubarajan 2001, section 6.3.2).
 """
 
@@ -12,20 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim.placement.information import ACCELERATION_DENSITY, LOST_SIGMA, VELOCITY_SIGMA, Views, detection_probability, sight, view_covariance
 from tracker.geometry import Array, frozen
 from tracker.geometry.compilation import njit
-
-AZIMUTH_SIGMA, ELEVATION_SIGMA, POSITION_SIGMA = math.radians(0.5), math.radians(0.8), 0.08
-"""Standard deviations of a measurement of feet: azimuth (rad), elevation (rad), and position per axis (m).
-
-The elevation includes rough ground and partly hidden feet.
-"""
-ACCELERATION_DENSITY = 0.6
-"""Spectral density of the acceleration noise, m²/s³."""
-VELOCITY_SIGMA = 1.2
-"""Standard deviation of an unknown velocity, and the bound of its growth, m/s."""
-LOST_SIGMA = 4.0
-"""Standard deviation of the position beyond which a person counts as unknown, m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,61 +35,25 @@ class Beliefs:
 
     def predicted(self, dt: float) -> Beliefs:
         """The estimates `dt` s later. People of a standard deviation above LOST_SIGMA become unknown."""
-        return Beliefs(*_predict(self.known, self.mean, self.covariance, dt))
+        return Beliefs(*predict(self.known, self.mean, self.covariance, dt))
 
-    def updated(self, measured: Array, cameras: Array, views: Array) -> tuple[Beliefs, float]:
-        """The estimates after an update, and the information gain in nats.
-
-        measured (r, p, 2) m: feet as measured by cameras (r, 3): x, y, height above the ground, m. Measurements with views (r, p)
-        above 0 are used. The gain is half the decrease of log det of the position covariances, summed over people. An unknown person has the
-        standard deviation LOST_SIGMA before the update.
-        """
-        known, mean, covariance, gain = _update(self.known, self.mean, self.covariance, (measured, cameras, views))
-        return Beliefs(known, mean, covariance), float(gain)
+    def observed(self, views: Views, rng: np.random.Generator) -> Beliefs:
+        """The estimates after a frame of simulated measurements of views."""
+        noise, luck = rng.normal(size=(*views.share.shape, 2)), rng.random(views.share.shape)
+        return Beliefs(*update(self.known, self.mean, self.covariance, views, (noise, luck)))
 
 
-def measure(feet: Array, cameras: Array, rng: np.random.Generator) -> Array:
-    """(r, p, 2) m: simulated measurements of feet (p, 2) m by cameras (r, 3): x, y, height above the ground, m."""
-    noise = rng.normal(size=(len(cameras), len(feet), 2))
-    return _measure(feet, cameras, noise)
-
-
-@njit(cache=True)
-def _noise(dx, dy, height):  # type: ignore[no-untyped-def]
-    r = math.sqrt(dx * dx + dy * dy) + 1e-9
-    radial = (ELEVATION_SIGMA * (r * r + height * height) / height) ** 2 + POSITION_SIGMA**2
-    tangential = (AZIMUTH_SIGMA * r) ** 2 + POSITION_SIGMA**2
-    c, s = dx / r, dy / r
-    out = np.empty((2, 2))
-    out[0, 0], out[1, 1] = radial * c * c + tangential * s * s, radial * s * s + tangential * c * c
-    out[0, 1] = out[1, 0] = (radial - tangential) * c * s
-    return out
-
-
-@njit(cache=True)
-def _measure(feet, cameras, noise):  # type: ignore[no-untyped-def]
-    out = np.empty(noise.shape)
-    for r in range(len(cameras)):
-        for p in range(len(feet)):
-            R = _noise(cameras[r, 0] - feet[p, 0], cameras[r, 1] - feet[p, 1], cameras[r, 2])
-            a = math.sqrt(R[0, 0])
-            b = R[1, 0] / a
-            c = math.sqrt(max(R[1, 1] - b * b, 0.0))
-            out[r, p, 0] = feet[p, 0] + a * noise[r, p, 0]
-            out[r, p, 1] = feet[p, 1] + b * noise[r, p, 0] + c * noise[r, p, 1]
-    return out
-
-
-@njit(cache=True)
-def _predict(known, mean, covariance, dt):  # type: ignore[no-untyped-def]
+@njit(cache=True, nogil=True)
+def predict(known, mean, covariance, dt):  # type: ignore[no-untyped-def]
+    """`Beliefs.predicted` as a kernel."""
     known, mean, P = known.copy(), mean.copy(), covariance.copy()
+    F = np.eye(4)
+    F[0, 2] = F[1, 3] = dt
     for p in range(len(known)):
         if known[p] == 0:
             continue
         mean[p, 0] += dt * mean[p, 2]
         mean[p, 1] += dt * mean[p, 3]
-        F = np.eye(4)
-        F[0, 2] = F[1, 3] = dt
         P[p] = F @ P[p] @ F.T
         for k in range(2):
             P[p, k, k] += ACCELERATION_DENSITY * dt**3 / 3
@@ -123,32 +75,45 @@ def _predict(known, mean, covariance, dt):  # type: ignore[no-untyped-def]
     return known, mean, P
 
 
-@njit(cache=True)
-def _update(known, mean, covariance, seen):  # type: ignore[no-untyped-def]
-    measured, cameras, views = seen
+@njit(cache=True, nogil=True)
+def update(known, mean, covariance, views, drawn):  # type: ignore[no-untyped-def]
+    """`Beliefs.observed` as a kernel. drawn: standard normal (r, p, 2), and uniform in [0, 1] (r, p)."""
     known, mean, P = known.copy(), mean.copy(), covariance.copy()
-    gain = 0.0
+    noise, luck = drawn
     for p in range(len(known)):
-        before = P[p, 0, 0] * P[p, 1, 1] - P[p, 0, 1] ** 2 if known[p] else (LOST_SIGMA * LOST_SIGMA / 2) ** 2
-        count = 0
-        for r in range(len(cameras)):
-            if views[r, p] <= 0:
+        for r in range(len(views.cameras)):
+            share = views.share[r, p]
+            if share <= 0.0:
                 continue
-            count += 1
-            R = _noise(cameras[r, 0] - measured[r, p, 0], cameras[r, 1] - measured[r, p, 1], cameras[r, 2])
-            if not known[p]:
+            away, direction = sight(views, r, p)
+            if luck[r, p] >= detection_probability(views.detector, share, away):
+                continue
+            xx, xy, yy = view_covariance(views.detector, views.robots[r], away, direction, share)
+            a = math.sqrt(xx)
+            b, c = xy / a, math.sqrt(max(yy - xy * xy / xx, 0.0))
+            x = views.people[p, 0] + a * noise[r, p, 0]
+            y = views.people[p, 1] + b * noise[r, p, 0] + c * noise[r, p, 1]
+            if known[p] == 0:
                 known[p] = 1.0
-                mean[p, 0], mean[p, 1], mean[p, 2], mean[p, 3] = measured[r, p, 0], measured[r, p, 1], 0.0, 0.0
+                mean[p, 0], mean[p, 1], mean[p, 2], mean[p, 3] = x, y, 0.0, 0.0
                 P[p] = 0.0
-                P[p, :2, :2] = R
+                P[p, 0, 0], P[p, 0, 1], P[p, 1, 0], P[p, 1, 1] = xx, xy, xy, yy
                 P[p, 2, 2] = P[p, 3, 3] = VELOCITY_SIGMA**2
-                continue
-            S = P[p, :2, :2] + R
-            K = P[p, :, :2].copy() @ np.linalg.inv(S)
-            mean[p] += K @ (measured[r, p] - mean[p, :2])
-            P[p] -= K @ P[p, :2, :].copy()
-            P[p] = 0.5 * (P[p] + P[p].T)
-        if count:
-            after = P[p, 0, 0] * P[p, 1, 1] - P[p, 0, 1] ** 2
-            gain += 0.5 * math.log(max(before, 1e-12) / max(after, 1e-12))
-    return known, mean, P, gain
+            else:
+                _correct(mean[p], P[p], (x, y), (xx, xy, yy))
+    return known, mean, P
+
+
+@njit(cache=True)
+def _correct(mean, P, measured, noise):  # type: ignore[no-untyped-def]
+    """Correct mean (4,) and P (4, 4) in place by a measured position, m, of covariance (xx, xy, yy) m²."""
+    s00, s01, s11 = P[0, 0] + noise[0], P[0, 1] + noise[1], P[1, 1] + noise[2]
+    det = s00 * s11 - s01 * s01
+    dx, dy = measured[0] - mean[0], measured[1] - mean[1]
+    rows = P[:2].copy()
+    for i in range(4):
+        u, v = (rows[0, i] * s11 - rows[1, i] * s01) / det, (rows[1, i] * s00 - rows[0, i] * s01) / det
+        mean[i] += u * dx + v * dy
+        for j in range(i + 1):
+            P[i, j] -= u * rows[0, j] + v * rows[1, j]
+            P[j, i] = P[i, j]

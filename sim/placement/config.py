@@ -28,7 +28,7 @@ DECISION_RATE = 2.0
 FRAMES_PER_DECISION = 3
 """Sensor frames per decision: 6 per second, as in recorded sequences."""
 
-STEPS_PER_FRAME = 3
+STEPS_PER_FRAME = 2
 """Steps of people and kinematic rovers per sensor frame."""
 
 DENSITIES: dict[str, dict[str, Any]] = {
@@ -51,6 +51,7 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "cell": (0.25, 5.0),
     "misses": (0.0, 1.0),
     "clutter": (0.0, 100.0),
+    "delay": (0, 60),
 }
 
 SEEDS_PER_MAP = 10
@@ -68,7 +69,8 @@ class PlacementConfig:
     * action: velocity (forward speed and yaw rate) or waypoint (a point on the map).
     * reach (m) and smallest (°): people farther away, or of a smaller apparent height, are not seen. camera_height: m above the ground.
     * cells, cell (m): the local map of a robot has cells × cells of that size. width: px of the panoramas of "pixels".
-    * misses, clutter, detector_model: the detector of "tracks", as in Scenario. parameters: of its tracker of people, paths with values.
+    * misses, clutter, detector_model: the detector, as in Scenario. parameters: of the tracker of people of "tracks", paths with values.
+      delay: frames by which the tracks that are scored are late. Policies know what the tracker knows at once.
     * panorama: index of the robot whose panorama `render` shows, or None for a plan view.
     """
 
@@ -90,6 +92,7 @@ class PlacementConfig:
     clutter: float = 0.05
     panorama: int | None = None
     detector_model: str = INDEPENDENT
+    delay: int = 5
     parameters: tuple[tuple[str, Value], ...] = ()
 
     def __post_init__(self) -> None:
@@ -103,8 +106,6 @@ class PlacementConfig:
         if self.width % 2:
             raise ValueError(f"width is {self.width} px, needs an even number")
         model_of(self.detector_model)
-        if self.detector_model != INDEPENDENT and self.observation != "tracks":
-            raise ValueError(f"detector_model is of the observation tracks, and observation is {self.observation!r}")
         if self.parameters and self.observation != "tracks":
             raise ValueError(f"parameters are of the observation tracks, and observation is {self.observation!r}")
         with_fields(MhtParameters(), dict(self.parameters))

@@ -20,7 +20,7 @@ from gymnasium.error import ResetNeeded
 
 from sim.pedestrian import clothing, clothing_textures, gait, skeleton
 from sim.placement.config import DECISION_RATE, PlacementConfig
-from sim.placement.episode import Episode, Reward, checked_reward, reward_of
+from sim.placement.episode import GOSPA, Episode, Reward, checked_reward, reward_of
 from sim.placement.map import PlacementMap, map_of
 from sim.placement.observations import Observation, observe, space_of
 from sim.placement.plan_view import draw_plan
@@ -78,10 +78,17 @@ class Placement(gymnasium.Env[Observation, Array]):
 
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Advance by one decision. Raises ResetNeeded before `reset` and after the end, and ValueError for a wrong shape or an infinite action."""
-        episode = self.episode
-        if episode is None:
+        if self.episode is None:
             raise ResetNeeded("step is called before reset, or after the end of the episode: call reset first")
-        terms = episode.step(checked_action(action, self.config.robots))
+        return self.decide(checked_action(action, (self.config.robots, 2)))
+
+    def decide(self, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """As `step`, for an action that is checked, between `reset` and the end. Its compiled parts run beside those of other environments."""
+        episode = self.episode
+        assert episode is not None
+        terms = episode.step(action)
+        if callable(self.reward) or GOSPA in self.reward:
+            terms = terms | {GOSPA: episode.relative_gospa()}
         reward = reward_of(self.reward, terms)
         observation, terminated = self._observation(episode), episode.all_tipped
         if terminated:
@@ -174,11 +181,11 @@ class CameraViews:
         mujoco.mj_forward(self._model, self._data)
 
 
-def checked_action(action: Any, robots: int) -> Array:
-    """The action as (robots, 2), clipped to [−1, 1]. Raises ValueError for another shape or values that are not finite."""
+def checked_action(action: Any, shape: tuple[int, ...]) -> Array:
+    """The action as an array of this shape, clipped to [−1, 1]. Raises ValueError for another shape or values that are not finite."""
     rows = np.asarray(action, dtype=np.float64)
-    if rows.shape != (robots, 2):
-        raise ValueError(f"action has shape {rows.shape}, needs ({robots}, 2)")
+    if rows.shape != shape:
+        raise ValueError(f"action has shape {rows.shape}, needs {shape}")
     if not np.isfinite(rows).all():
         raise ValueError(f"action is {rows.tolist()}, needs finite numbers in [-1, 1]")
-    return np.clip(rows, -1.0, 1.0)
+    return rows.clip(-1.0, 1.0)

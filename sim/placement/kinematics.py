@@ -13,7 +13,6 @@ from sim.crowd.social_force import BODY_RADIUS
 from sim.placement.config import SPEED, TRAVELLED, TURNED, YAW, YAW_RATE, X, Y
 from sim.placement.map import PlacementMap, bilinear_at, height_on
 from sim.placement.roadmap import is_free
-from sim.robots.driving import ACCELERATION, YAW_ACCELERATION
 from sim.robots.rover import HALF_WIDTH, SPRUNG_MASS, WHEEL_RADIUS, wheel_positions
 from tracker.geometry import Array, Pose
 from tracker.geometry.compilation import njit
@@ -36,16 +35,13 @@ WHEEL_ARM = 0.38
 GRAVITY = 9.81
 
 
-def drive(team: Array, command: Array, people: Array, place: PlacementMap, dt: float) -> tuple[Array, Array]:
-    """The states (r, 7) of rovers `dt` s later, and what stopped each (r,): 1 a person, 2 another rover, 3 the ground, 0 nothing.
-
-    command (r, 2): desired forward speed m/s and yaw rate rad/s. people (p, 2): positions m.
-    """
-    return _drive(team, command, people, place.roadmap.grid, (ACCELERATION * dt, YAW_ACCELERATION * dt, dt))
-
-
 @njit(cache=True)
-def _drive(team, command, people, space, limits):  # type: ignore[no-untyped-def]
+def drive_step(team, command, people, space, limits):  # type: ignore[no-untyped-def]
+    """The states (r, 7) of rovers a step later, and what stopped each (r,): 1 a person, 2 another rover, 3 the ground, 0 nothing.
+
+    command (r, 2): desired forward speed m/s and yaw rate rad/s. people (p, 2): positions m. space: `Roadmap.grid`.
+    limits: greatest changes of speed (m/s) and yaw rate (rad/s) in the step, and its time (s).
+    """
     out, stopped = team.copy(), np.zeros(len(team), np.int64)
     for r in range(len(team)):
         for column, limit in ((SPEED, limits[0]), (YAW_RATE, limits[1])):
@@ -82,6 +78,18 @@ def _drive(team, command, people, space, limits):  # type: ignore[no-untyped-def
 
 
 @njit(cache=True)
+def near_misses(team, people):  # type: ignore[no-untyped-def]
+    """The number of people (p, 2) m within NEAR_MISS_DISTANCE of a moving robot of team (r, 7)."""
+    count = 0
+    for p in range(len(people)):
+        for r in range(len(team)):
+            if abs(team[r, SPEED]) > 0.1 and (people[p, 0] - team[r, X]) ** 2 + (people[p, 1] - team[r, Y]) ** 2 < NEAR_MISS_DISTANCE**2:
+                count += 1
+                break
+    return count
+
+
+@njit(cache=True)
 def _collides(x0, y0, x1, y1, ox, oy, contact):  # type: ignore[no-untyped-def]
     """Whether a step from (x0, y0) to (x1, y1) m approaches (ox, oy) and ends within `contact` m of it."""
     before, after = (x0 - ox) ** 2 + (y0 - oy) ** 2, (x1 - ox) ** 2 + (y1 - oy) ** 2
@@ -111,11 +119,12 @@ def poses(team: Array, place: PlacementMap) -> list[Pose]:
 
 def camera_positions(team: Array, place: PlacementMap, height: float) -> Array:
     """Camera positions (r, 3) m of rovers (r, 7), `height` m above the ground along the normal of the slope."""
-    return _camera_positions(team, place.floor.heights, place.floor.origin, place.floor.spacing, height)
+    return camera_kernel(team, place.floor.heights, place.floor.origin, place.floor.spacing, height)
 
 
 @njit(cache=True)
-def _camera_positions(team, heights, origin, spacing, mast):  # type: ignore[no-untyped-def]
+def camera_kernel(team, heights, origin, spacing, mast):  # type: ignore[no-untyped-def]
+    """`camera_positions` over a ground of heights (rows, columns) m, with its origin (2,) m and spacing m."""
     out = np.empty((len(team), 3))
     for r in range(len(team)):
         x, y, c, s = team[r, X], team[r, Y], math.cos(team[r, YAW]), math.sin(team[r, YAW])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +13,14 @@ from sim.crowd.crowd import Crowd, CrowdState
 from sim.crowd.goals import make_plans
 from sim.crowd.social_force import GOAL, VISIT
 from sim.pedestrian import skeleton
+from sim.placement.config import FRAMES_PER_DECISION
+from sim.placement.information import LANDMARK_SIGMA
 from sim.placement.roadmap import Roadmap
 from sim.placement.visibility import ElevationMap, line_of_sight
 from sim.robots import driving
 from sim.robots.rover import HALF_WIDTH
 from sim.scenario import Scenario
+from sim.sensors.raycast_camera import LandmarkSensor
 from tracker.geometry import Array
 from tracker.geometry.compilation import njit
 from worlds import catalogue
@@ -32,6 +36,27 @@ START_SPACING = 2.0 * HALF_WIDTH + 0.3
 
 CAMERA_HEIGHT, CHEST_HEIGHT = 1.5, 1.2
 """Heights above the floor of a camera and of a person's chest, for planned lines of sight, m."""
+
+
+LANDMARKS, NEAREST, FARTHEST = 140, 0.6, 20.0
+"""Number of landmarks, and the range of distances at which rays find them, m."""
+SURFACE_MARGIN = 0.4
+"""Last part of the line of sight to a landmark that is not tested, m: the column of the landmark's own surface must not hide it."""
+
+
+class Scene(NamedTuple):
+    """A map as kernels need it for views.
+
+    top (rows, columns) m and frame (3,): as ElevationMap. floor (rows, columns) m, origin (2,) m, spacing m: the ground.
+    landmarks: nodes (n, 2) m of the roadmap, and the information (n, 3, 3) about x, y, yaw that a decision at each of them gives.
+    """
+
+    top: Array
+    frame: Array
+    floor: Array
+    origin: Array
+    spacing: float
+    landmarks: tuple[Array, Array]
 
 
 @dataclass(frozen=True)
@@ -95,6 +120,28 @@ class PlacementMap:
     def _chest_visible(self) -> NDArray[np.bool_]:
         chest = self.walkable_points + np.array([0.0, 0.0, CHEST_HEIGHT])
         return np.stack([line_of_sight(self.elevation, camera, chest) > 0 for camera in self.node_cameras])
+
+    @cached_property
+    def scene(self) -> Scene:
+        """The map as kernels need it for views."""
+        floor = self.floor
+        landmarks = self.roadmap.nodes, landmark_information(self)
+        return Scene(self.elevation.top, self.elevation.frame, floor.heights, floor.origin, floor.spacing, landmarks)
+
+    def surface_points(self, count: int, rng: np.random.Generator) -> Array:
+        """Up to `count` random surface points (n, 3) m: first hits of rays from camera positions with the ground or objects."""
+        along = np.arange(NEAREST, FARTHEST, 0.1)
+        cameras = self.node_cameras[rng.integers(len(self.node_cameras), size=4 * count)]
+        azimuth, elevation = rng.uniform(-np.pi, np.pi, len(cameras)), np.radians(rng.uniform(-40.0, 20.0, len(cameras)))
+        direction = np.stack([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=1)
+        points = cameras[:, None] + along[:, None] * direction[:, None]
+        top, frame = self.elevation.top, self.elevation.frame
+        j, i = (np.floor((points[..., axis] - frame[axis]) / frame[2] + 0.5).astype(int) for axis in (0, 1))
+        inside = (i >= 0) & (j >= 0) & (i < top.shape[0]) & (j < top.shape[1])
+        hits = inside & (points[..., 2] < top[np.clip(i, 0, top.shape[0] - 1), np.clip(j, 0, top.shape[1] - 1)])
+        first = hits.argmax(axis=1)
+        found = np.flatnonzero(hits.any(axis=1) & (first > 0))[:count]
+        return points[found, first[found]]
 
     @cached_property
     def traffic(self) -> Array:
@@ -188,6 +235,23 @@ def map_of(key: MapKey) -> PlacementMap:
     elevation = ElevationMap(top.heights, np.array([*top.origin, top.spacing]))
     free_space = driving.turning_space(world.wheels)
     return PlacementMap(key, world, Crowd(world.feet, world.terrain, plans), stature, floor, elevation, free_space, Roadmap.of(free_space))
+
+
+def landmark_information(place: PlacementMap) -> Array:
+    """Information (n, 3, 3) about x, y, yaw of a robot at each node of the roadmap, by the azimuths of landmarks in a decision.
+
+    Landmarks are drawn by the seed of the map. They have errors of LANDMARK_SIGMA, and views those of LandmarkSensor.
+    """
+    points, sensor = place.surface_points(LANDMARKS, np.random.default_rng(place.key.seed)), LandmarkSensor()
+    out = np.zeros((len(place.node_cameras), 3, 3))
+    for k, camera in enumerate(place.node_cameras):
+        dx, dy = (points[:, :2] - camera[:2]).T
+        square = np.maximum(dx**2 + dy**2, 0.01)
+        visible = line_of_sight(place.elevation, camera, points, SURFACE_MARGIN) * (square < sensor.reach**2)
+        H = np.stack([dy / square, -dx / square, -np.ones(len(points))], axis=1)
+        variance = sensor.noise**2 / FRAMES_PER_DECISION + LANDMARK_SIGMA**2 / square
+        out[k] = (H * ((1.0 - sensor.miss_rate) * visible / variance)[:, None]).T @ H
+    return out
 
 
 @lru_cache(maxsize=CACHED_MAPS)

@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sim.crowd.crowd import CrowdState, Obstacles
+from sim.crowd.behavior import BehaviorState, StepInput, update_behavior
+from sim.crowd.crowd import CrowdState
+from sim.crowd.social_force import interactions
+from sim.crowd.steering import SteeringGrid, advance, desired_motion
 from sim.placement import kinematics
 from sim.placement.config import SPEED, STEPS_PER_FRAME, YAW, PlacementConfig, X, Y
-from sim.placement.kinematics import CONTACT_DISTANCE, NEAR_MISS_DISTANCE
-from sim.placement.map import PlacementMap
+from sim.placement.kinematics import CONTACT_DISTANCE, NEAR_MISS_DISTANCE, drive_step, near_misses
+from sim.placement.map import CACHED_MAPS, PlacementMap
+from sim.placement.roadmap import steer
 from sim.robots.driving import ACCELERATION, YAW_ACCELERATION, DriveState, Motion, Route, Traffic
 from sim.robots.rover import FOOTPRINT_RADIUS, HALF_WIDTH
 from sim.scenario import Scenario
 from sim.simulation.initial_states import InitialStates
 from sim.simulation.simulation import Simulation, Snapshot
 from tracker.geometry import Array, Pose
+from tracker.geometry.compilation import njit
 from tracker.types import Odometry
 from worlds.terrain.heightfield import Mask
 
@@ -25,36 +33,55 @@ STOPPED_SPEED = 0.05
 """Speed below which a rover counts as stopped while it is commanded more than three times this speed, m/s."""
 
 
+class Order(NamedTuple):
+    """What robots shall do in a decision: velocity (r, 2) m/s, rad/s, or goals (r,), nodes of the roadmap; (0,) for none."""
+
+    velocity: Array
+    goals: NDArray[np.int64]
+
+
+class Ways(NamedTuple):
+    """What robots and people move on.
+
+    grid, groups, behavior: of the crowd. graph: nodes (n, 2) m and next_node (n, n) of the roadmap. space: `Roadmap.grid`.
+    """
+
+    grid: SteeringGrid
+    groups: tuple[NDArray[np.int64], Array]
+    behavior: BehaviorState
+    graph: tuple[Array, NDArray[np.int32]]
+    space: tuple[Mask, Array, float]
+
+
 @dataclass(eq=False)
 class KinematicMover:
     """Rovers by unicycle kinematics, among people who walk around them.
 
-    team (r, 7): rover states, in the columns of config.py. crowd: the state of the people. dt: time step, s.
+    team (r, 7): rover states, in the columns of config.py. body (p, 10): people, in the columns of social_force.py. time, dt: s.
     """
 
     place: PlacementMap
     team: Array
-    crowd: CrowdState
+    body: Array
+    time: float
     dt: float
 
     @staticmethod
     def begin(config: PlacementConfig, place: PlacementMap, starts: Array, crowd: CrowdState) -> KinematicMover:
         team = np.zeros((len(starts), 7))
         team[:, [X, Y, YAW]] = starts
-        return KinematicMover(place, team, crowd, config.frame_period / STEPS_PER_FRAME)
+        return KinematicMover(place, team, crowd.body.copy(), crowd.time, config.frame_period / STEPS_PER_FRAME)
 
-    def advance(self, command: Array) -> Array:
-        """Advance by one frame with command (r, 2) m/s, rad/s. Returns what stopped each robot (r,), as kinematics.drive does."""
-        stopped, radius = np.zeros(len(self.team)), np.full(len(self.team), FOOTPRINT_RADIUS)
-        for _ in range(STEPS_PER_FRAME):
-            team = self.team
-            if len(self.crowd.body):
-                ahead = np.empty((len(team), 2))
-                ahead[:, 0], ahead[:, 1] = np.cos(team[:, YAW]) * team[:, SPEED], np.sin(team[:, YAW]) * team[:, SPEED]
-                self.crowd = self.place.crowd.step(self.crowd, Obstacles(team[:, :2], ahead, radius), self.dt)
-            self.team, now = kinematics.drive(team, command, self.crowd.position, self.place, self.dt)
-            stopped = np.maximum(stopped, now)
-        return stopped
+    @property
+    def crowd(self) -> CrowdState:
+        """The people."""
+        return CrowdState(self.body, self.time, len(self.body))
+
+    def advance(self, order: Order, frames: int) -> tuple[NDArray[np.int64], int]:
+        """Advance by some frames. Returns what stopped each robot (r,), as kinematics.drive does, and the most near misses in a frame."""
+        self.team, self.body, stopped, near = _advance(self.team, self.body, order, ways_of(self.place), (self.time, self.dt, frames))
+        self.time += frames * STEPS_PER_FRAME * self.dt
+        return stopped, near
 
     def poses(self) -> list[Pose]:
         """T_world_robot of all robots."""
@@ -67,6 +94,38 @@ class KinematicMover:
     def odometry(self) -> list[Odometry] | None:
         """Odometry of the last frame from wheels and gyroscopes, or None where they are not simulated."""
         return None
+
+
+@lru_cache(maxsize=CACHED_MAPS)
+def ways_of(place: PlacementMap) -> Ways:
+    """The ways of a map, cached."""
+    grid, groups, behavior = place.crowd.constants()
+    return Ways(grid, groups, behavior, (place.roadmap.nodes, place.roadmap.next_node), place.roadmap.grid)
+
+
+@njit(cache=True, nogil=True)
+def _advance(team, body, order, ways, times):  # type: ignore[no-untyped-def]
+    """Team (r, 7) and bodies (p, 10) after some frames, what stopped each robot (r,), and the most near misses in a frame."""
+    time, dt, frames = times
+    stopped, command, obstacle, most = np.zeros(len(team), np.int64), order.velocity, np.zeros((len(team), 7)), 0
+    obstacle[:, 4] = FOOTPRINT_RADIUS
+    for _ in range(frames):
+        if len(order.goals):
+            command = steer(team, order.goals, body[:, :2], ways.graph, ways.space)
+        for step in range(STEPS_PER_FRAME):
+            if len(body):
+                for r in range(len(team)):
+                    c, s = math.cos(team[r, YAW]) * team[r, SPEED], math.sin(team[r, YAW]) * team[r, SPEED]
+                    obstacle[r, 0], obstacle[r, 1], obstacle[r, 2], obstacle[r, 3] = team[r, X], team[r, Y], c, s
+                desired, _ = desired_motion(body, ways.grid, ways.groups)
+                effect, pairs = interactions(body, desired, obstacle)
+                body = advance(body, desired, (effect, pairs), obstacle, ways.grid, dt)
+                update_behavior(body, (desired, effect, obstacle), ways.grid.goals, ways.behavior, StepInput(time + step * dt, dt, len(body), 0))
+            team, now = drive_step(team, command, body[:, :2], ways.space, (ACCELERATION * dt, YAW_ACCELERATION * dt, dt))
+            stopped = np.maximum(stopped, now)
+        time += STEPS_PER_FRAME * dt
+        most = max(most, near_misses(team, body[:, :2]))
+    return team, body, stopped, most
 
 
 @dataclass
@@ -113,7 +172,25 @@ class PhysicsMover:
     def crowd(self) -> CrowdState:
         return self.simulation.crowd_state
 
-    def advance(self, command: Array) -> Array:
+    @property
+    def body(self) -> Array:
+        """People (p, 10), in the columns of social_force.py."""
+        return self.crowd.body.copy()
+
+    def advance(self, order: Order, frames: int) -> tuple[NDArray[np.int64], int]:
+        """As KinematicMover.advance."""
+        stopped, most = np.zeros(len(self.team), dtype=np.int64), 0
+        for _ in range(frames):
+            command = order.velocity
+            if len(order.goals):
+                ways = ways_of(self.place)
+                command = steer(self.team, order.goals, self.crowd.position, ways.graph, ways.space)
+            stopped = np.maximum(stopped, self._advance(command))
+            most = max(most, near_misses(self.team, self.crowd.position))
+        return stopped, most
+
+    def _advance(self, command: Array) -> NDArray[np.int64]:
+        """Advance by one frame with command (r, 2) m/s, rad/s. Returns what stopped each rover (r,)."""
         for driver, (speed, yaw_rate) in zip(self._velocity_drivers, command, strict=True):
             driver.speed, driver.yaw_rate = float(speed), float(yaw_rate)
         self.simulation.step()
@@ -123,7 +200,7 @@ class PhysicsMover:
         self.team = np.column_stack([now, self.team[:, 5] + distance, self.team[:, 6] + turned])
         return self._stopped(command)
 
-    def _stopped(self, command: Array) -> Array:
+    def _stopped(self, command: Array) -> NDArray[np.int64]:
         """What stopped each rover (r,): 1 near a person, 2 near another rover, 3 elsewhere; 0 for rovers that move or have no command."""
         blocked = (np.abs(command[:, 0]) > 3 * STOPPED_SPEED) & (np.abs(self.team[:, 3]) < STOPPED_SPEED) & (np.abs(self.team[:, 4]) < STOPPED_SPEED)
         place = self.team[:, :2]

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
-from sim.placement.config import SPEED, YAW, YAW_RATE, PlacementConfig
+from sim.placement.config import SPEED, YAW, YAW_RATE, PlacementConfig, X, Y
 from sim.placement.episode import Episode
-from sim.placement.map import PlacementMap
 from sim.robots.driving import TOP_SPEED, TOP_YAW_RATE
-from tracker.geometry import Array, wrap
+from tracker.geometry import Array
 from tracker.geometry.compilation import njit
 
 SIGMA_SCALE = 4.0
@@ -37,83 +35,89 @@ def space_of(config: PlacementConfig) -> spaces.Dict:
       correlation, and the time since the person was seen over 30 s.
     * panoramas (r · height, width, 3) uint8: one robot below the other, only with observation "pixels".
     """
-    r, n = config.robots, config.cells
-    slots = config.people if config.observation != "tracks" else config.max_tracks
-    shapes = {"robots": (r, ROBOT_FEATURES), "seen": (r, slots, SEEN_FEATURES), "map": (r, 2, n, n), "beliefs": (config.max_tracks, BELIEF_FEATURES)}
-    boxes: dict[str, spaces.Space] = {name: spaces.Box(-1.0, 1.0, shape, np.float32) for name, shape in shapes.items() if np.prod(shape)}
+    r = config.robots
+    boxes: dict[str, spaces.Space] = {name: spaces.Box(-1.0, 1.0, shape, np.float32) for name, shape in shapes_of(config).items() if np.prod(shape)}
     if config.observation == "pixels":
         boxes["panoramas"] = spaces.Box(0, 255, (r * config.width // 2, config.width, 3), np.uint8)
     return spaces.Dict(boxes)
 
 
+def shapes_of(config: PlacementConfig) -> dict[str, tuple[int, ...]]:
+    """The shapes of all arrays but panoramas, in the order of `_observe`."""
+    r, n = config.robots, config.cells
+    slots = config.people if config.observation != "tracks" else config.max_tracks
+    return {"robots": (r, ROBOT_FEATURES), "seen": (r, slots, SEEN_FEATURES), "map": (r, 2, n, n), "beliefs": (config.max_tracks, BELIEF_FEATURES)}
+
+
 def observe(episode: Episode) -> Observation:
     """All arrays of the observation except panoramas."""
-    config, place = episode.config, episode.place
-    poses = episode.tracking.planar_poses() if episode.tracking is not None else episode.now.team[:, :3]
-    out = {
-        "robots": _robots(place, poses, episode.now.team),
-        "seen": _seen(episode) if episode.tracking is None else episode.tracking.detection_rows(),
-        "map": local_maps(place, poses[:, :2], config),
-        "beliefs": _beliefs(episode),
-    }
-    return {name: np.clip(array, -1.0, 1.0).astype(np.float32) for name, array in out.items() if array.size}
-
-
-def _robots(place: PlacementMap, poses: Array, team: Array) -> Array:
-    out = np.empty((len(poses), ROBOT_FEATURES))
-    out[:, :2] = place.normalised(poses[:, :2])
-    out[:, 2], out[:, 3] = np.cos(poses[:, YAW]), np.sin(poses[:, YAW])
-    out[:, 4], out[:, 5] = team[:, SPEED] / TOP_SPEED, team[:, YAW_RATE] / TOP_YAW_RATE
-    return out
-
-
-def _seen(episode: Episode) -> Array:
-    now = episode.now
-    away = now.people[None, :, :2] - now.team[:, None, :2]
-    azimuth = wrap(np.arctan2(away[..., 1], away[..., 0]) - now.team[:, None, YAW])
-    distance = np.hypot(away[..., 0], away[..., 1]) / episode.config.reach
-    out = np.stack([np.ones_like(azimuth), np.cos(azimuth), np.sin(azimuth), distance, now.seen], axis=2)
-    return out * (now.seen > 0)[:, :, None]
-
-
-def _beliefs(episode: Episode) -> Array:
-    out, config = np.zeros((episode.config.max_tracks, BELIEF_FEATURES)), episode.config
-    if episode.tracking is not None:
-        position, P = episode.tracking.position[: config.max_tracks], episode.tracking.covariance[: config.max_tracks]
-        rows: NDArray[np.int64] = np.arange(len(position), dtype=np.int64)
-        velocity, age = np.zeros((len(position), 2)), np.zeros(len(position))
+    config, place, now = episode.config, episode.place, episode.now
+    shapes = shapes_of(config)
+    out = {name: np.zeros(shape, np.float32) for name, shape in shapes.items()}
+    if episode.tracking is None:
+        state = episode.beliefs.known, episode.beliefs.mean, episode.beliefs.covariance, episode.time_unseen
+        _observe((now.team, now.people, now.seen), state, (place.scene, place.extent), (config.cells, config.cell, config.reach), tuple(out.values()))
     else:
-        rows = np.flatnonzero(episode.beliefs.known).astype(np.int64)
-        position, velocity = episode.beliefs.mean[rows, :2], episode.beliefs.mean[rows, 2:]
-        P, age = episode.beliefs.covariance[rows, :2, :2], episode.time_unseen[rows]
-    sigma = np.sqrt(np.maximum(P[:, [0, 1], [0, 1]], 1e-9))
-    out[rows, 0] = 1.0
-    out[rows, 1:3] = episode.place.normalised(position)
-    out[rows, 3:5] = velocity / SPEED_SCALE
-    out[rows, 5:7] = sigma / SIGMA_SCALE
-    out[rows, 7] = P[:, 0, 1] / sigma.prod(axis=1)
-    out[rows, 8] = age / 30.0
-    return out
+        poses = episode.tracking.planar_poses()
+        team = np.column_stack([poses, now.team[:, 3:]])
+        robot_rows(team, place.extent, out["robots"])
+        out["seen"][:], out["beliefs"][:] = episode.tracking.detection_rows(), _beliefs(episode)
+        map_rows(team, place.scene, (config.cells, config.cell), out["map"])
+    return {name: np.clip(array, -1.0, 1.0, out=array) for name, array in out.items() if array.size}
 
 
-def local_maps(place: PlacementMap, centres: Array, config: PlacementConfig) -> Array:
-    """Local maps (r, 2, n, n) around centres (r, 2) m, as in `space_of`."""
-    return _local_maps(place.floor.heights, place.elevation.top, place.elevation.frame, np.ascontiguousarray(centres), (config.cells, config.cell))
+@njit(cache=True, nogil=True)
+def _observe(situation, state, where, size, out):  # type: ignore[no-untyped-def]
+    """Fill the arrays of the observation: robots, seen, map, beliefs.
+
+    situation: team (r, 7), people (p, 4), seen (r, p). state: known (p,), mean (p, 4), covariance (p, 4, 4), time unseen (p,).
+    where: scene and extent (2, 2) m. size: cells, m of a cell, reach m.
+    """
+    (team, people, share), (known, mean, P, age), (scene, extent) = situation, state, where
+    robots, seen, maps, beliefs = out
+    robot_rows(team, extent, robots)
+    for r in range(len(team)):
+        for p in range(len(people)):
+            if share[r, p] > 0:
+                dx, dy = people[p, 0] - team[r, X], people[p, 1] - team[r, Y]
+                azimuth = np.arctan2(dy, dx) - team[r, YAW]
+                seen[r, p, 0], seen[r, p, 1], seen[r, p, 2] = 1.0, np.cos(azimuth), np.sin(azimuth)
+                seen[r, p, 3], seen[r, p, 4] = np.sqrt(dx * dx + dy * dy) / size[2], share[r, p]
+    map_rows(team, scene, size[:2], maps)
+    for p in range(len(known)):
+        if known[p] > 0:
+            sx, sy = np.sqrt(max(P[p, 0, 0], 1e-9)), np.sqrt(max(P[p, 1, 1], 1e-9))
+            beliefs[p, 0], beliefs[p, 8] = 1.0, age[p] / 30.0
+            for k in range(2):
+                beliefs[p, 1 + k] = 2.0 * (mean[p, k] - extent[0, k]) / (extent[1, k] - extent[0, k]) - 1.0
+                beliefs[p, 3 + k] = mean[p, 2 + k] / SPEED_SCALE
+            beliefs[p, 5], beliefs[p, 6], beliefs[p, 7] = sx / SIGMA_SCALE, sy / SIGMA_SCALE, P[p, 0, 1] / (sx * sy)
 
 
-@njit(cache=True)
-def _local_maps(floor, top, frame, centres, size):  # type: ignore[no-untyped-def]
+@njit(cache=True, nogil=True)
+def robot_rows(team, extent, out):  # type: ignore[no-untyped-def]
+    """Fill the rows (r, 6) of robots of states team (r, 7), as in `space_of`. extent (2, 2) m."""
+    for r in range(len(team)):
+        for k in range(2):
+            out[r, k] = 2.0 * (team[r, k] - extent[0, k]) / (extent[1, k] - extent[0, k]) - 1.0
+        out[r, 2], out[r, 3] = np.cos(team[r, YAW]), np.sin(team[r, YAW])
+        out[r, 4], out[r, 5] = team[r, SPEED] / TOP_SPEED, team[r, YAW_RATE] / TOP_YAW_RATE
+
+
+@njit(cache=True, nogil=True)
+def map_rows(team, scene, size, out):  # type: ignore[no-untyped-def]
+    """Fill the local maps (r, 2, n, n) around robots team (r, 7), as in `space_of`. size: cells, m of a cell."""
     n, cell = size
+    floor, top, frame = scene.floor, scene.top, scene.frame
     rows, columns = floor.shape
-    out = np.zeros((len(centres), 2, n, n))
-    for r in range(len(centres)):
-        cj = min(max(int((centres[r, 0] - frame[0]) / frame[2] + 0.5), 0), columns - 1)
-        ci = min(max(int((centres[r, 1] - frame[1]) / frame[2] + 0.5), 0), rows - 1)
+    for r in range(len(team)):
+        cj = min(max(int((team[r, X] - frame[0]) / frame[2] + 0.5), 0), columns - 1)
+        ci = min(max(int((team[r, Y] - frame[1]) / frame[2] + 0.5), 0), rows - 1)
         level = floor[ci, cj]
         for i in range(n):
             for j in range(n):
-                x = centres[r, 0] + (j - 0.5 * (n - 1)) * cell
-                y = centres[r, 1] + (i - 0.5 * (n - 1)) * cell
+                x = team[r, X] + (j - 0.5 * (n - 1)) * cell
+                y = team[r, Y] + (i - 0.5 * (n - 1)) * cell
                 gj, gi = int(np.floor((x - frame[0]) / frame[2] + 0.5)), int(np.floor((y - frame[1]) / frame[2] + 0.5))
                 if gi < 0 or gj < 0 or gi >= rows or gj >= columns:
                     # A cell outside the world counts as an obstacle.
@@ -121,4 +125,17 @@ def _local_maps(floor, top, frame, centres, size):  # type: ignore[no-untyped-de
                     continue
                 out[r, 0, i, j] = (floor[gi, gj] - level) / HEIGHT_SCALE
                 out[r, 1, i, j] = (top[gi, gj] - floor[gi, gj]) / HEIGHT_SCALE
+
+
+def _beliefs(episode: Episode) -> Array:
+    """Rows (k, 9) of beliefs of the tracker in the loop."""
+    out, config, tracking = np.zeros((episode.config.max_tracks, BELIEF_FEATURES)), episode.config, episode.tracking
+    assert tracking is not None
+    position, P = tracking.position[: config.max_tracks], tracking.covariance[: config.max_tracks]
+    rows = len(position)
+    sigma = np.sqrt(np.maximum(P[:, [0, 1], [0, 1]], 1e-9))
+    out[:rows, 0] = 1.0
+    out[:rows, 1:3] = episode.place.normalised(position)
+    out[:rows, 5:7] = sigma / SIGMA_SCALE
+    out[:rows, 7] = P[:, 0, 1] / sigma.prod(axis=1)
     return out

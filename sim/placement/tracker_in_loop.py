@@ -11,7 +11,7 @@ import numpy as np
 
 from sim.placement import visibility
 from sim.placement.config import PlacementConfig
-from sim.placement.map import PlacementMap
+from sim.placement.map import LANDMARKS, SURFACE_MARGIN, PlacementMap
 from sim.placement.movers import Mover
 from sim.placement.visibility import BODY_POINTS, line_of_sight
 from sim.recording.frames import Measurements, tick_of
@@ -26,6 +26,7 @@ from tracker.geometry.cameras import Panorama
 from tracker.geometry.ground import Grid
 from tracker.metrics.clear_mot import score
 from tracker.metrics.matching import MatchingFrame
+from tracker.metrics.trajectory import score_robots
 from tracker.parameter_file import with_fields
 from tracker.pipeline import Parameters, Tracker
 from tracker.slam.parameters import SlamParameters
@@ -40,23 +41,14 @@ BODY_RADIUS = 0.22
 NOISE = 0.0026
 """Standard deviation of a box's edge, rad, as in Scenario."""
 
-LANDMARKS, NEAREST, FARTHEST = 140, 0.6, 20.0
-"""Number of landmarks, and the range of distances at which rays find them, m."""
-
 SLAM = SlamParameters(max_updates=16, max_new_landmarks=4, capacity=72, clones=2)
 """A smaller map than for recorded sequences: the cost of the joint filter grows with the square of its size."""
-
-SURFACE_MARGIN = 0.4
-"""Last part of the line of sight to a landmark that is not tested, m: the column of the landmark's own surface must not hide it."""
 
 SAMPLES = 25
 """Gyroscope samples per frame."""
 
 MEMORY_DURATION = 8.0
 """Time for which a person is predicted after the last report of the track, s."""
-
-VELOCITY_TIME_CONSTANT = 0.5
-"""Time constant of the velocity filter, s. Positions of a tracker are noisy."""
 
 ACCELERATION_DENSITY = 0.6
 """Spectral density of the acceleration of an unseen person, per axis, m²/s³."""
@@ -78,25 +70,20 @@ class TrackMemory:
     covariance: Array = field(default_factory=lambda: np.zeros((0, 2, 2)))
     time_unseen: Array = field(default_factory=lambda: np.zeros(0))
 
-    def update(self, track_id: Ints, position: Array, covariance: Array, dt: float) -> None:
-        """Add the tracker's report, dt s after the previous one: ids (k,), positions (k, 2) m and covariances (k, 2, 2) m²."""
+    def update(self, reported: TrackMemory, dt: float) -> None:
+        """Add the tracker's report, dt s after the previous one."""
         predicted = self.position + self.velocity * dt
-        row_of = {int(n): k for k, n in enumerate(self.track_id)}
-        row = np.array([row_of.get(int(n), -1) for n in track_id], dtype=np.int64)
-        velocity = np.zeros_like(position)
-        known = row >= 0
-        moved = (position[known] - self.position[row[known]]) / dt
-        velocity[known] = self.velocity[row[known]] + min(dt / VELOCITY_TIME_CONSTANT, 1.0) * (moved - self.velocity[row[known]])
         time_unseen = self.time_unseen + dt
-        near = (np.linalg.norm(predicted[:, None] - position[None], axis=2) < MATCH_DISTANCE).any(axis=1)
-        kept = ~np.isin(self.track_id, track_id) & (time_unseen <= MEMORY_DURATION) & ~near
+        near = (np.linalg.norm(predicted[:, None] - reported.position[None], axis=2) < MATCH_DISTANCE).any(axis=1)
+        kept = ~np.isin(self.track_id, reported.track_id) & (time_unseen <= MEMORY_DURATION) & ~near
         # White acceleration noise: the variance of the position grows with the third power of the time.
         growth = ACCELERATION_DENSITY * (time_unseen**3 - self.time_unseen**3) / 3
         spread = self.covariance + growth[:, None, None] * np.eye(2)
-        self.track_id = np.concatenate([track_id, self.track_id[kept]])
-        self.position, self.velocity = np.concatenate([position, predicted[kept]]), np.concatenate([velocity, self.velocity[kept]])
-        self.covariance = np.concatenate([covariance, spread[kept]])
-        self.time_unseen = np.concatenate([np.zeros(len(track_id)), time_unseen[kept]])
+        self.track_id = np.concatenate([reported.track_id, self.track_id[kept]])
+        self.position = np.concatenate([reported.position, predicted[kept]])
+        self.velocity = np.concatenate([reported.velocity, self.velocity[kept]])
+        self.covariance = np.concatenate([reported.covariance, spread[kept]])
+        self.time_unseen = np.concatenate([reported.time_unseen, time_unseen[kept]])
 
 
 @dataclass(eq=False)
@@ -105,6 +92,7 @@ class TrackerInLoop:
 
     landmarks: of the scene. last_translation (r, 3) m: motion of each robot in the last frame.
     wheel_angles (r, 4) rad: total rotation of the wheels. index: of the next frame. detectors: of each robot's camera.
+    truth: people (p, 4) and poses of each frame. reported: estimates, `delay` frames late; `position` is what is known at once.
     """
 
     config: PlacementConfig
@@ -119,9 +107,9 @@ class TrackerInLoop:
     previous_poses: list[Pose] = field(default_factory=list)
     last_translation: Array = field(default_factory=lambda: np.zeros((0, 3)))
     wheel_angles: Array = field(default_factory=lambda: np.zeros((0, 4)))
-    estimate: Estimate | None = None
     detected: list[Detections] = field(default_factory=list)
-    frames: list[MatchingFrame] = field(default_factory=list)
+    truth: list[tuple[Array, list[Pose]]] = field(default_factory=list)
+    reported: list[Estimate] = field(default_factory=list)
     memory: TrackMemory = field(default_factory=TrackMemory)
     detectors: list[ViewDetector] = field(default_factory=list)
 
@@ -134,9 +122,9 @@ class TrackerInLoop:
             starts[f"robot_{k}"] = Start(pose @ Pose.exp(rng.normal(0.0, START_SIGMA)), np.diag(START_SIGMA**2))
         mounts = {f"robot_{k}_camera": Mount(CAMERA, mount, f"robot_{k}") for k in range(count)}
         floor, tops = (Grid(heights, place.floor.origin, place.floor.spacing) for heights in (place.floor.heights, place.elevation.top))
-        parameters = Parameters(slam=SLAM, targets=with_fields(Parameters().targets, dict(config.parameters)))
+        parameters = Parameters(targets=with_fields(Parameters().targets, dict(config.parameters)), delay=config.delay)
         tracker = Tracker(Setup(mounts, floor, starts, config.frame_period, occluders=tops), parameters)
-        landmarks = Landmarks.described(surface_points(place, LANDMARKS, rng), LANDMARKS, rng)
+        landmarks = Landmarks.described(place.surface_points(LANDMARKS, rng), LANDMARKS, rng)
         systematic_errors = [odometry.SystematicErrors.draw(rng) for _ in range(count)]
         out = TrackerInLoop(config, place, rng, tracker, landmarks, systematic_errors)
         model = model_of(config.detector_model, IndependentErrors(config.misses, config.clutter, NOISE, config.visibility_limits.share))
@@ -156,17 +144,18 @@ class TrackerInLoop:
         mounts = self.tracker.setup.mounts
         seen = dict(zip(mounts, map(self._sightings, cameras), strict=True))
         measured = Measurements(dict(zip(mounts, self.detected, strict=True)), odometry_of, seen)
-        estimate = self.tracker.step(tick_of(self.index, self.config.frame_period, mounts, measured))
-        assert estimate is not None
-        self.estimate, self.position, self.covariance = estimate, estimate.position[:, :2], estimate.covariance[:, :2, :2]
-        self.memory.update(estimate.target_id, self.position, self.covariance, self.config.frame_period)
-        self.frames.append(MatchingFrame(np.arange(len(people)), people[:, :2], estimate.target_id, estimate.position[:, :2]))
+        self.truth.append((people, poses))
+        if estimate := self.tracker.step(tick_of(self.index, self.config.frame_period, mounts, measured)):
+            self.reported.append(estimate)
+        tracks = self.tracker.current()
+        position, covariance = tracks.state[:, :2], tracks.covariance[:, :2, :2]
+        self.memory.update(TrackMemory(tracks.tree, position, tracks.state[:, 2:4], covariance, np.zeros(len(position))), self.config.frame_period)
+        self.position, self.covariance = position, covariance
         self.index, self.previous_poses = self.index + 1, poses
 
     def planar_poses(self) -> Array:
         """Robot poses estimated by SLAM, (r, 3): x, y m and yaw rad."""
-        assert self.estimate is not None
-        poses = [self.estimate.T_world_robot[f"robot_{k}"] for k in range(self.config.robots)]
+        poses = [self.tracker.slam.pose(f"robot_{k}") for k in range(self.config.robots)]
         return np.array([[*pose.translation[:2], np.arctan2(pose.rotation[1, 0], pose.rotation[0, 0])] for pose in poses])
 
     def detection_rows(self) -> Array:
@@ -184,10 +173,17 @@ class TrackerInLoop:
         return out
 
     def scores(self) -> dict[str, float]:
-        """MOTA and IDF1 of all frames, within 1 m, and the mean position error of the robots in the last frame, m."""
-        found = score(self.frames)
-        position_error = np.hypot(*(self.planar_poses()[:, :2] - np.array([pose.translation[:2] for pose in self.previous_poses])).T)
-        return {"mota": found.mota, "idf1": found.idf1, "robots_off": float(position_error.mean())}
+        """HOTA, IDF1 and MOTA within 1 m of everybody, and the robots' ATE (m), over all frames. It ends the tracking."""
+        while estimate := self.tracker.finish():
+            self.reported.append(estimate)
+        frames = [
+            MatchingFrame(np.arange(len(people)), people[:, :2], estimate.target_id, estimate.position[:, :2])
+            for (people, _), estimate in zip(self.truth, self.reported, strict=True)
+        ]
+        found, names = score(frames), [f"robot_{k}" for k in range(self.config.robots)]
+        truth = {name: [poses[k] for _, poses in self.truth] for k, name in enumerate(names)}
+        estimated = {name: [estimate.T_world_robot.get(name) for estimate in self.reported] for name in names}
+        return {"hota": found.hota, "idf1": found.idf1, "mota": found.mota, "ate_m": score_robots(truth, estimated).ate_m}
 
     def _detect(self, robot: int, camera: Pose, people: Array, tipped: bool) -> Detections:
         boxes = Boxes.none() if tipped or not len(people) else _true_boxes(self.place, camera, people, self.config.visibility_limits)
@@ -249,19 +245,3 @@ def _angles(local: Pose, people: Array, height: Array) -> tuple[Array, Array]:
     """Azimuth and elevation (p,) rad, in the camera's frame, of points `height` (p,) m above the feet."""
     points = local.apply(people[:, :3] + np.outer(height, [0.0, 0.0, 1.0]))
     return angles_from_bearing(points / np.linalg.norm(points, axis=1, keepdims=True))
-
-
-def surface_points(place: PlacementMap, count: int, rng: np.random.Generator) -> Array:
-    """Up to `count` random surface points (n, 3) m: first hits of rays from camera positions with the ground or objects."""
-    along = np.arange(NEAREST, FARTHEST, 0.1)
-    cameras = place.node_cameras[rng.integers(len(place.node_cameras), size=4 * count)]
-    azimuth, elevation = rng.uniform(-np.pi, np.pi, len(cameras)), np.radians(rng.uniform(-40.0, 20.0, len(cameras)))
-    direction = np.stack([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=1)
-    points = cameras[:, None] + along[:, None] * direction[:, None]
-    top, frame = place.elevation.top, place.elevation.frame
-    j, i = (np.floor((points[..., axis] - frame[axis]) / frame[2] + 0.5).astype(int) for axis in (0, 1))
-    inside = (i >= 0) & (j >= 0) & (i < top.shape[0]) & (j < top.shape[1])
-    hits = inside & (points[..., 2] < top[np.clip(i, 0, top.shape[0] - 1), np.clip(j, 0, top.shape[1] - 1)])
-    first = hits.argmax(axis=1)
-    found = np.flatnonzero(hits.any(axis=1) & (first > 0))[:count]
-    return points[found, first[found]]

@@ -50,7 +50,7 @@ def seen_share(elevation: ElevationMap, cameras: Array, people: Array, limits: V
     It is 0 for people beyond the limits.
     """
     cameras, people = np.ascontiguousarray(cameras, dtype=np.float64), np.ascontiguousarray(people, dtype=np.float64)
-    return _seen_share(elevation.top, elevation.frame, cameras, people, (limits.reach, limits.size, limits.share))
+    return share_kernel(elevation.top, elevation.frame, cameras, people, (limits.reach, limits.size, limits.share))
 
 
 def visible_points(elevation: ElevationMap, camera: Array, people: Array) -> NDArray[np.bool_]:
@@ -92,6 +92,12 @@ def _line_of_sight(top: Array, frame: Array, camera: tuple[float, float, float],
             next_y += over_y
             i += step_i
     return True
+
+
+@njit(cache=True)
+def sees(elevation, camera, goal):  # type: ignore[no-untyped-def]
+    """Whether no static object lies between camera and goal, three coordinates in m each. elevation: top and frame, as in ElevationMap."""
+    return _line_of_sight(elevation[0], elevation[1], camera, goal, 1.0)
 
 
 @njit(cache=True)
@@ -160,7 +166,8 @@ def _visible_points(top: Array, frame: Array, camera: Array, people: Array) -> N
 
 
 @njit(cache=True)
-def _seen_share(top: Array, frame: Array, cameras: Array, people: Array, limits: tuple[float, float, float]) -> Array:
+def share_kernel(top: Array, frame: Array, cameras: Array, people: Array, limits: tuple[float, float, float]) -> Array:
+    """`seen_share` over an elevation map. limits: reach m, least apparent height rad, least share."""
     out = np.zeros((len(cameras), len(people)))
     for r in range(len(cameras)):
         for p in range(len(people)):

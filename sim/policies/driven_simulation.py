@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.placement import beliefs, visibility
+from sim.placement import visibility
 from sim.placement.beliefs import Beliefs
 from sim.placement.config import DECISION_RATE, PlacementConfig
+from sim.placement.episode import detector_row
+from sim.placement.information import Views, started_robots
 from sim.placement.map import MapKey, map_of
 from sim.policies.policy import TeamKnowledge
 from sim.policies.rollouts import policy_of
@@ -95,8 +97,8 @@ class PolicySimulation(Simulation):
         seen = visibility.seen_share(self._place.elevation, cameras, people, self._config.visibility_limits)
         mast = cameras.copy()
         mast[:, 2] = np.maximum(cameras[:, 2] - self._place.floor_at(cameras[:, :2]), 0.2)
-        measured = beliefs.measure(np.ascontiguousarray(position), mast, self._measurement_rng)
-        self._beliefs, _ = self._beliefs.predicted(self._decision_ticks * self.scenario.period).updated(measured, mast, seen)
+        views = Views(detector_row(self._config), started_robots(len(cameras)), seen, mast, people)
+        self._beliefs = self._beliefs.predicted(self._decision_ticks * self.scenario.period).observed(views, self._measurement_rng)
 
     def _set_goals(self) -> None:
         assert self._policy is not None

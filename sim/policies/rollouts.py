@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,30 +15,42 @@ import numpy as np
 
 from sim.confidence_intervals import Interval, bounds_of, difference_bounds_of, mean_interval, paired
 from sim.parallel.pool import Pool
-from sim.placement.config import SEEDS_PER_MAP
+from sim.placement.config import SEEDS_PER_MAP, TRAVELLED
 from sim.placement.episode import TERMS, Episode
 from sim.policies.baselines import Lloyd, Random, Static
-from sim.policies.greedy import Greedy
+from sim.policies.planning import Greedy, Predictive
 from sim.policies.policy import Policy, TeamKnowledge
 from tracker.io.atomic import new_file
 
-BUILT_IN_POLICIES: dict[str, Callable[[], Policy]] = {"random": Random, "static": Static, "lloyd": Lloyd, "greedy": Greedy}
+BUILT_IN_POLICIES: dict[str, Callable[[], Policy]] = {"random": Random, "static": Static, "lloyd": Lloyd, "greedy": Greedy, "predictive": Predictive}
 """Policies that need no file, by name."""
 MEASURES = ("reward", *TERMS)
-MEASURES_SHOWN = ("seen_twice", "seen", "gospa", "mota", "reward", "collisions", "near_misses")
+MEASURES_SHOWN = ("information", "hota", "idf1", "mota", "seen", "seen_twice", "ate_m", "way_m", "collisions", "near_misses")
 """Measures in the printed tables, where they were taken."""
 DIGITS = 3
 """Decimals in the printed tables."""
-TITLES = {"seen_twice": "share seen by two", "seen": "share seen by one", "gospa": "relative GOSPA (lower is better)", "mota": "MOTA of the tracker"}
+TITLES = {
+    "information": "information [nats]",
+    "hota": "HOTA of the tracker",
+    "idf1": "IDF1 of the tracker",
+    "mota": "MOTA of the tracker",
+    "seen": "share seen by one",
+    "seen_twice": "share seen by two",
+}
+"""Measures of the picture, where they were taken."""
 
 
 @dataclass(frozen=True)
 class EpisodeResult:
-    """The result of an episode. values: means of MEASURES over its decisions, and the tracker's scores where it is in the loop."""
+    """The result of an episode. values: means of MEASURES over its decisions, and the tracker's scores where it is in the loop.
+
+    way_m: that a robot drove. act_ms: processor time of the policy a decision, which no result depends on.
+    """
 
     policy: str
     seed: int
     values: dict[str, float]
+    act_ms: float = field(default=math.nan, compare=False)
 
 
 def policy_of(name: str) -> Policy:
@@ -56,25 +70,30 @@ def run_episodes(name: str, seeds: Sequence[int], options: dict[str, Any], steps
     policy = policy_of(name)
     env = gymnasium.make("pilsim/Placement-v0", **options, action=policy.action, max_episode_steps=steps)
     try:
-        return [EpisodeResult(name, seed, _episode(env, policy, seed)) for seed in seeds]
+        return [EpisodeResult(name, seed, *_episode(env, policy, seed)) for seed in seeds]
     finally:
         env.close()
 
 
-def _episode(env: gymnasium.Env[Any, Any], policy: Policy, seed: int) -> dict[str, float]:
+def _episode(env: gymnasium.Env[Any, Any], policy: Policy, seed: int) -> tuple[dict[str, float], float]:
+    """The values of an episode, and the milliseconds of a decision."""
     observation, _ = env.reset(seed=seed)
     episode: Episode = env.unwrapped.episode  # type: ignore[attr-defined]
     policy.begin(TeamKnowledge.of(episode, observation), np.random.default_rng([seed, 1]))
     sums = dict.fromkeys(MEASURES, 0.0)
-    ended, count = False, 0
+    ended, count, acting = False, 0, 0.0
     while not ended:
-        observation, reward, terminated, truncated, info = env.step(policy.act(TeamKnowledge.of(episode, observation)))
+        knowledge, began = TeamKnowledge.of(episode, observation), time.process_time()
+        action = policy.act(knowledge)
+        acting += time.process_time() - began
+        observation, reward, terminated, truncated, info = env.step(action)
         ended, count = terminated or truncated, count + 1
         for name in TERMS:
             sums[name] += info[name]
         sums["reward"] += float(reward)
     means = {name: value / count for name, value in sums.items()}
-    return means if episode.tracking is None else means | episode.tracking.scores()
+    means["way_m"] = float(episode.now.team[:, TRAVELLED].mean())
+    return means if episode.tracking is None else means | episode.tracking.scores(), 1000.0 * acting / count
 
 
 def table(results: Sequence[EpisodeResult]) -> dict[str, dict[str, Interval]]:
@@ -143,7 +162,7 @@ def draw(means: dict[str, dict[str, Interval]], title: str, file: Path) -> None:
     """Plot the means of relative measures with their intervals as a PNG. The file is written under a temporary name first."""
     from matplotlib.figure import Figure
 
-    shown = [measure for measure in ("seen_twice", "seen", "gospa", "mota") if measure in next(iter(means.values()))]
+    shown = [measure for measure in TITLES if measure in next(iter(means.values()))]
     figure = Figure(figsize=(2.6 * len(shown) + 1.2, 0.45 * len(means) + 1.5), dpi=120, layout="constrained")
     panels = figure.subplots(1, len(shown), sharey=True, squeeze=False)[0]
     for axes, measure in zip(panels, shown, strict=True):

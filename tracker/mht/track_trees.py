@@ -194,14 +194,25 @@ class MhtFixedLagSmoother:
         """The people of the oldest frame that is not reported yet; None where all are."""
         if self._last is None or not self._waiting:
             return None
-        tracks, present = self._last
         ago = self._taken - self._waiting.popleft()
         while len(self._steps) > ago:
             self._steps.popleft()
+        return self._people(ago)
+
+    def current(self) -> Tracks:
+        """The people of the last tick, as a delay of 0 reports them. Raises ValueError before the first."""
+        if self._last is None:
+            raise ValueError("no tick was taken, needs one at least")
+        return self._people(0)
+
+    def _people(self, ago: int) -> Tracks:
+        """The people of `ago` ticks before the last."""
+        assert self._last is not None
+        tracks, present = self._last
         # A person was there if detected at that tick or later, if still present, or if hidden for so short a time that the place was known.
         hidden = ~tracks.deleted & (tracks.out_of_view == 0) & (position_sigma(tracks.covariances[:, ago]) <= self.hidden_sigma)
         there = (tracks.age > ago) & tracks.confirmed & (present | hidden | tracks.detected[:, : ago + 1].any(axis=1))
-        return smoothed(tracks.select(there), list(self._steps)[::-1], self.motion)
+        return smoothed(tracks.select(there), list(self._steps)[::-1][:ago], self.motion)
 
 
 def smoothed(tracks: TrackHypotheses, steps: list[float], motion: MotionParameters) -> Tracks:

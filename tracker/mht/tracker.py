@@ -73,6 +73,10 @@ class MhtTracker:
         """The people of the oldest frame that is not reported yet; None where all are."""
         return self._with_person_ids(self._smoother.drain())
 
+    def current(self) -> Tracks:
+        """The people of the last tick, before what comes later corrects them. Raises ValueError before the first tick."""
+        return self.filter.reidentification.relabelled(self._smoother.current())
+
     def _with_person_ids(self, people: Tracks | None) -> Tracks | None:
         return None if people is None else self.filter.reidentification.relabelled(people)
 

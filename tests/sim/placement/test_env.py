@@ -72,7 +72,7 @@ def test_info_has_all_terms_and_the_reward_is_their_weighted_sum():
     for _ in range(5):
         _, reward, _, _, info = env.step(env.action_space.sample())
         assert set(info) == set(TERMS)
-        assert reward == pytest.approx(sum(WEIGHTS[name] * info[name] for name in TERMS))
+        assert reward == pytest.approx(sum(weight * info[name] for name, weight in WEIGHTS.items()))
         assert 0 <= info["seen_twice"] <= info["seen"] <= 1
     mine = make(reward=lambda terms: 10 * terms["seen"])
     mine.reset(seed=1)
@@ -167,15 +167,37 @@ def test_invalid_actions_and_starts_are_refused():
 
 
 @pytest.mark.command
-def test_sync_and_async_vector_environments_agree():
-    found = []
-    for mode in ("sync", "async"):
-        envs = gymnasium.make_vec(NAME, num_envs=2, vectorization_mode=mode, world="pilsun", people=6, robots=3)
-        envs.reset(seed=1)
-        found.append(envs.step(np.full((2, 3, 2), 0.5, np.float32)))
+def test_all_vector_modes_play_the_same_episodes():
+    found: dict[str, list] = {}
+    for mode in ("vector_entry_point", "sync", "async"):
+        options = {"max_episode_steps": 3, "world": "pilsun", "people": 6, "robots": 3, "reward": {"information": 1.0, "gospa": -0.1}}
+        envs = gymnasium.make_vec(NAME, num_envs=2, vectorization_mode=mode, **options)
+        actions = np.random.default_rng(0).uniform(-1, 1, (6, 2, 3, 2)).astype(np.float32)
+        # Six decisions: episodes end after three, and others begin in the fourth.
+        found[mode] = [envs.reset(seed=9), *(envs.step(action) for action in actions)]
         envs.close()
-    assert_same(found[0][0], found[1][0])
-    np.testing.assert_array_equal(found[0][1], found[1][1])
+    for one, sync, other in zip(*found.values(), strict=True):
+        for a, b in ((one, sync), (sync, other)):
+            assert_same(a[0], b[0])
+            assert_same(a[-1], b[-1])
+            for x, y in zip(a[1:-1], b[1:-1], strict=True):
+                np.testing.assert_array_equal(x, y)
+    assert [step[3].all() for step in found["sync"][1:]] == [False, False, True, False, False, False]
+
+
+def test_threads_change_nothing_and_wrong_actions_are_refused():
+    one, two = (gymnasium.make_vec(NAME, num_envs=3, threads=threads, world="pilsun", people=6, robots=3) for threads in (1, 2))
+    assert_same(one.reset(seed=4)[0], two.reset(seed=4)[0])
+    for _ in range(3):
+        a, b = one.step(np.full((3, 3, 2), 0.4, np.float32)), two.step(np.full((3, 3, 2), 0.4, np.float32))
+        assert_same(a[0], b[0])
+        np.testing.assert_array_equal(a[1], b[1])
+    with pytest.raises(ValueError, match=r"shape \(2, 3, 2\), needs \(3, 3, 2\)"):
+        one.step(np.zeros((2, 3, 2)))
+    with pytest.raises(ValueError, match="num_envs is 0"):
+        gymnasium.make_vec(NAME, num_envs=0)
+    one.close()
+    two.close()
 
 
 def test_render_draws_the_plan():

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from sim.placement.config import PlacementConfig
 from sim.placement.env import Placement
 from sim.placement.tracker_in_loop import MEMORY_DURATION, TrackMemory
 from tracker.detector_models.model import model_text, named_model
@@ -12,21 +11,24 @@ DT = 0.25
 COVARIANCE = 0.04 * np.eye(2)[None]
 
 
+def reports(ids: list[int], places: list[list[float]], velocity: float) -> TrackMemory:
+    """A report of people who walk east."""
+    count, position = len(ids), np.array(places, dtype=np.float64).reshape(-1, 2)
+    covariance = np.repeat(COVARIANCE, count, axis=0)
+    return TrackMemory(np.array(ids, dtype=np.int64), position, np.tile([velocity, 0.0], (count, 1)), covariance, np.zeros(count))
+
+
 def walked(frames: int) -> TrackMemory:
     """Person 7 walks east at 1.2 m/s from the origin and is reported in `frames` frames."""
     memory = TrackMemory()
     for k in range(frames):
-        memory.update(np.array([7]), np.array([[1.2 * DT * k, 0.0]]), COVARIANCE, DT)
+        memory.update(reports([7], [[1.2 * DT * k, 0.0]], 1.2), DT)
     return memory
 
 
 def no_reports(memory: TrackMemory, frames: int) -> None:
     for _ in range(frames):
-        memory.update(np.zeros(0, dtype=np.int64), np.zeros((0, 2)), np.zeros((0, 2, 2)), DT)
-
-
-def test_velocity_is_estimated() -> None:
-    np.testing.assert_allclose(walked(20).velocity, [[1.2, 0.0]], atol=1e-3)
+        memory.update(TrackMemory(), DT)
 
 
 def test_a_person_without_reports_is_predicted_with_growing_covariance() -> None:
@@ -46,7 +48,7 @@ def test_a_person_without_reports_is_predicted_with_growing_covariance() -> None
 def test_a_new_track_replaces_a_prediction_near_it() -> None:
     memory = walked(20)
     no_reports(memory, 4)
-    memory.update(np.array([9, 8]), np.array([[memory.position[0, 0] + 0.5, 0.3], [9.0, 9.0]]), np.repeat(COVARIANCE, 2, axis=0), DT)
+    memory.update(reports([9, 8], [[memory.position[0, 0] + 0.5, 0.3], [9.0, 9.0]], 0.0), DT)
     assert memory.track_id.tolist() == [9, 8]
     np.testing.assert_array_equal(memory.time_unseen, 0)
 
@@ -67,8 +69,3 @@ def test_the_model_gives_other_detections_and_the_same_again():
     first, again, plain = detected("faster-rcnn"), detected(model_text(named_model("faster-rcnn"))), detected("independent")
     assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
     assert not all(np.array_equal(a, b) for a, b in zip(first, plain, strict=True))
-
-
-def test_only_tracks_have_a_detector():
-    with pytest.raises(ValueError, match="detector_model is of the observation tracks"):
-        PlacementConfig(detector_model="fairmot")

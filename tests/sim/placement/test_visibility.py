@@ -6,10 +6,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim.placement.beliefs import Beliefs, measure
+from sim.placement.beliefs import Beliefs
 from sim.placement.episode import gospa
+from sim.placement.information import Views, detector_of
 from sim.placement.map import MapKey, map_of
 from sim.placement.visibility import ElevationMap, VisibilityLimits, line_of_sight, seen_share
+from tracker.detector_models.independent import IndependentErrors
 
 FLAT = ElevationMap(np.zeros((41, 41)), np.array([-10.0, -10.0, 0.5]))
 CAMERA = np.array([[0.0, 0.0, 1.5]])
@@ -70,7 +72,7 @@ def test_lines_of_sight_agree_with_mujoco_rays(world):
 @pytest.mark.soak
 def test_the_filter_of_a_walking_person_is_consistent():
     rng = np.random.default_rng(0)
-    cameras = np.array([[-5.0, 0.0, 1.5], [5.0, 4.0, 1.5]])
+    detector, cameras = detector_of(IndependentErrors(0.0, noise=0.01), 1 / 6), np.array([[-5.0, 0.0, 1.5], [5.0, 4.0, 1.5]])
     spread = np.linalg.cholesky(0.6 * np.array([[0.5**3 / 3, 0.5**2 / 2], [0.5**2 / 2, 0.5]]))
     squared = []
     for _ in range(300):
@@ -78,7 +80,8 @@ def test_the_filter_of_a_walking_person_is_consistent():
         for _ in range(4):
             shake = spread @ rng.normal(size=(2, 2))
             feet, velocity = feet + 0.5 * velocity + shake[0], velocity + shake[1]
-            beliefs, _ = beliefs.predicted(0.5).updated(measure(feet, cameras, rng), cameras, np.ones((2, 1)))
+            views = Views(detector, np.zeros((2, 3, 3)), np.ones((2, 1)), cameras, np.array([[*feet[0], 0.0, 1.72]]))
+            beliefs = beliefs.predicted(0.5).observed(views, rng)
         error = beliefs.mean[0, :2] - feet[0]
         squared.append(error @ np.linalg.solve(beliefs.covariance[0, :2, :2], error))
     # The mean of 300 χ² of 2 degrees has a standard deviation of 0.12.

@@ -1,0 +1,211 @@
+"""Policies that plan by expected information: greedy, which looks at the next goal, and predictive, which looks along whole ways.
+
+Both share the reward of the environment (sim.placement.information): people are predicted, and each robot in turn chooses the goal with the
+most expected information of the team. Predictive control follows Mayne et al. 2000, Constrained model predictive control: stability and optimality:
+of the best way, the first decision alone is taken, and the next decision plans anew.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.placement.episode import detector_row
+from sim.placement.information import (
+    LOST_SIGMA,
+    add_view,
+    nats,
+    predict_person,
+    started_robots,
+    update_person,
+)
+from sim.placement.map import CAMERA_HEIGHT, CHEST_HEIGHT, PlacementMap
+from sim.placement.visibility import sees
+from sim.policies.policy import TeamKnowledge, waypoint_action
+from sim.policies.waypoints import RECOVERY_TIME, UnseenMap
+from tracker.geometry import Array, Mask
+from tracker.geometry.compilation import njit
+
+STATURE = 1.72
+"""Stature of people, of whom policies know none, m."""
+KEEPS_WALKING = 4.0
+"""Time constant with which the predicted velocity of a person decays, s."""
+TRACKED_VELOCITY_SIGMA = 0.4
+"""Standard deviation of the velocity of a tracked person, m/s."""
+MAX_PATH, PATH_DISCOUNT = 6.0, 7.0
+"""Path length to the farthest goal considered, and path length that discounts a gain of greedy to 1/e, m."""
+SWITCHING_GAIN = 0.05
+"""Advantage over the present goal that another goal needs, nats."""
+MOST_GOALS = 48
+"""Goals of a robot that predictive compares; more are thinned out evenly."""
+DRIVING_SPEED = 0.5
+"""Mean speed of a robot along a way, turns included, m/s."""
+ROUNDS = 2
+"""Rounds in which the robots choose in turn, each given the choices of the others."""
+REPEATED_VIEW_GAIN = (1.0, 0.4, 0.1)
+"""Relative gain of a view of an unknown person whom no, one or two other robots see, too."""
+FOUND_SIGMA = 0.3
+"""Standard deviation of the place of a person after the first box, m."""
+CLOSE = 1.2
+"""Distance between the goals of two robots that is too close, m."""
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """k people at T times ahead: times (T,) s, feet (T, k, 2) m, and bounds (k, 4, 4) of now."""
+
+    times: Array
+    feet: Array
+    bounds: Array
+
+    @staticmethod
+    def of(knowledge: TeamKnowledge, times: Array) -> Forecast:
+        """People keep walking, for some seconds."""
+        ahead = KEEPS_WALKING * (1.0 - np.exp(-times / KEEPS_WALKING))
+        bounds = np.zeros((len(knowledge.position), 4, 4))
+        bounds[:, :2, :2] = knowledge.covariance
+        bounds[:, 2, 2] = bounds[:, 3, 3] = TRACKED_VELOCITY_SIGMA**2
+        return Forecast(times, knowledge.position + ahead[:, None, None] * knowledge.velocity, bounds)
+
+
+def information_from(knowledge: TeamKnowledge, nodes: NDArray[np.int64], forecast: Forecast) -> Array:
+    """Expected information (n, T, k, 2, 2), 1/m², of one frame from each of these nodes about each person at each time."""
+    place, config = knowledge.place, knowledge.config
+    cameras = place.node_cameras[nodes]
+    flat = forecast.feet.reshape(-1, 2)
+    chests = np.column_stack([flat, place.floor_at(flat) + CHEST_HEIGHT]).reshape(*forecast.feet.shape[:2], 3)
+    return np.asarray(
+        _information_from((place.scene.top, place.scene.frame), cameras, chests, (detector_row(config), started_robots(1)[0], config.reach))
+    )
+
+
+class Greedy:
+    """Each robot goes to the nearby goal from which the team expects the most information about people, discounted by the path.
+
+    Unknown people are expected where no robot looked recently (UnseenMap).
+    """
+
+    action = "waypoint"
+    times = np.array([1.5])
+
+    def begin(self, knowledge: TeamKnowledge, rng: np.random.Generator) -> None:
+        self._goals = knowledge.place.roadmap.nearest(knowledge.robots[:, :2])
+        self._unseen = UnseenMap(knowledge.place)
+
+    def act(self, knowledge: TeamKnowledge) -> Array:
+        place = knowledge.place
+        here = self._unseen.update(knowledge, knowledge.config.period / RECOVERY_TIME)
+        forecast = Forecast.of(knowledge, self.times)
+        goals = [self._candidates(place, int(node), int(goal)) for node, goal in zip(here, self._goals, strict=True)]
+        ways = [self._ways(place, int(node), row) for node, row in zip(here, goals, strict=True)]
+        used, numbered = np.unique(np.concatenate([way.ravel() for way in ways]), return_inverse=True)
+        numbers = [part.reshape(way.shape) for part, way in zip(np.split(numbered, np.cumsum([way.size for way in ways])[:-1]), ways, strict=True)]
+        table = information_from(knowledge, used, forecast)
+        visible = place.visible_from_nodes(knowledge.config.reach)[used]
+        unknown = max(knowledge.config.people - len(knowledge.position), 0) * 2.0 * math.log(LOST_SIGMA / FOUND_SIGMA) / len(self._unseen.density)
+        chosen = [0] * len(here)
+        for _ in range(ROUNDS):
+            for k in range(len(here)):
+                others = [numbers[q][chosen[q]] for q in range(len(here)) if q != k]
+                value = team_values(forecast, table, numbers[k], others)
+                value += unknown * self._unknown_found(visible, numbers[k], others)
+                chosen[k] = self._best(place, value, goals[k], place.roadmap.distance[here[k]][goals[k]],
+                                       [goals[q][chosen[q]] for q in range(len(here)) if q != k])  # fmt: skip
+        self._goals = np.array([row[c] for row, c in zip(goals, chosen, strict=True)])
+        return waypoint_action(place, self._goals)
+
+    def _candidates(self, place: PlacementMap, node: int, goal: int) -> NDArray[np.int64]:
+        """The goals (n,) that a robot at a node compares; the present one is first."""
+        near = np.flatnonzero(place.roadmap.distance[node] <= MAX_PATH)
+        return np.concatenate([[goal], near[near != goal]])
+
+    def _ways(self, place: PlacementMap, node: int, goals: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The nodes (n, T) at which a robot is counted at each time: here the goal."""
+        return np.repeat(goals[:, None], len(self.times), axis=1)
+
+    def _unknown_found(self, visible: Mask, numbers: NDArray[np.int64], others: list[NDArray[np.int64]]) -> Array:
+        """Weighted expected number (n,) of unknown people seen at the end of each way."""
+        views = sum((visible[way[-1]].astype(np.int64) for way in others), np.zeros(visible.shape[1], dtype=np.int64))
+        return np.asarray(visible[numbers[:, -1]] @ (self._unseen.density * np.take(REPEATED_VIEW_GAIN, np.minimum(views, 2))))
+
+    def _best(self, place: PlacementMap, value: Array, goals: NDArray[np.int64], path: Array, others: list[int]) -> int:
+        """The number of the goal with the most value, which the present goal loses only to one that is clearly better."""
+        gap = np.linalg.norm(place.roadmap.nodes[goals][:, None] - place.roadmap.nodes[np.array(others, dtype=np.int64)], axis=2)
+        gain = self._discounted(value - value[0], path) - 1e3 * (gap.min(axis=1, initial=9.0) < CLOSE)
+        gain[0] += SWITCHING_GAIN
+        return int(np.argmax(gain))
+
+    def _discounted(self, gain: Array, path: Array) -> Array:
+        return np.asarray(gain * np.exp(-path / PATH_DISCOUNT))
+
+
+class Predictive(Greedy):
+    """Model predictive control: each robot compares ways over the next 7.5 s, and people move meanwhile."""
+
+    times = np.arange(1.0, 6.0) * 1.5
+
+    def _candidates(self, place: PlacementMap, node: int, goal: int) -> NDArray[np.int64]:
+        found = super()._candidates(place, node, goal)
+        return np.concatenate([found[:1], found[1:][:: max(1, math.ceil((len(found) - 1) / MOST_GOALS))]])
+
+    def _ways(self, place: PlacementMap, node: int, goals: NDArray[np.int64]) -> NDArray[np.int64]:
+        return np.asarray(_nodes_at(node, goals, place.roadmap.next_node, place.roadmap.distance[node], self.times * DRIVING_SPEED))
+
+    def _discounted(self, gain: Array, path: Array) -> Array:
+        return gain
+
+
+def team_values(forecast: Forecast, table: Array, ways: NDArray[np.int64], others: list[NDArray[np.int64]]) -> Array:
+    """Expected information (n,) about all people, nats, the mean over the times, if one robot takes each of its ways (n, T) of rows of `table`.
+
+    table: information_from the nodes. others: the ways (T,) of the other robots.
+    """
+    fixed = np.zeros(table.shape[1:])
+    for way in others:
+        fixed += table[way, np.arange(len(forecast.times))]
+    return np.asarray(_team_values(forecast.bounds, np.diff(forecast.times, prepend=0.0), table, ways, fixed))
+
+
+@njit(cache=True)
+def _team_values(bounds, steps, table, ways, fixed):  # type: ignore[no-untyped-def]
+    out, P = np.zeros(len(ways)), np.empty((4, 4))
+    for w in range(len(ways)):
+        for k in range(len(bounds)):
+            P[:] = bounds[k]
+            for t in range(len(steps)):
+                predict_person(P, steps[t])
+                # Three frames of a decision, as in the reward.
+                update_person(P, 3.0 * (fixed[t, k] + table[ways[w, t], t, k]))
+                out[w] += nats(P) / len(steps)
+    return out
+
+
+@njit(cache=True)
+def _information_from(elevation, cameras, chests, settings):  # type: ignore[no-untyped-def]
+    """`information_from` for cameras (n, 3) m and chests (T, k, 3) m. settings: detector, bound of a robot, reach m."""
+    detector, robot, reach = settings
+    out = np.zeros((len(cameras), chests.shape[0], chests.shape[1], 2, 2))
+    for n in range(len(cameras)):
+        for t in range(chests.shape[0]):
+            for k in range(chests.shape[1]):
+                dx, dy = chests[t, k, 0] - cameras[n, 0], chests[t, k, 1] - cameras[n, 1]
+                r = math.sqrt(dx * dx + dy * dy) + 1e-9
+                if r < reach and sees(elevation, (cameras[n, 0], cameras[n, 1], cameras[n, 2]), (chests[t, k, 0], chests[t, k, 1], chests[t, k, 2])):
+                    add_view(detector, robot, (r, CAMERA_HEIGHT, STATURE), (dx / r, dy / r), 1.0, out[n, t, k])
+    return out
+
+
+@njit(cache=True)
+def _nodes_at(node, goals, next_node, distance, driven):  # type: ignore[no-untyped-def]
+    """The nodes (n, T) on the ways from a node to goals (n,) after distances driven (T,) m. distance: from the node to all nodes, m."""
+    out = np.empty((len(goals), len(driven)), np.int64)
+    for g in range(len(goals)):
+        at = node
+        for t in range(len(driven)):
+            while at != goals[g] and distance[next_node[at, goals[g]]] <= driven[t]:
+                at = next_node[at, goals[g]]
+            out[g, t] = at
+    return out
