@@ -44,7 +44,7 @@ SURFACE_MARGIN = 0.4
 """Last part of the line of sight to a landmark that is not tested, m: the column of the landmark's own surface must not hide it."""
 
 
-class Scene(NamedTuple):
+class ViewScene(NamedTuple):
     """A map as kernels need it for views.
 
     top (rows, columns) m and frame (3,): as ElevationMap. floor (rows, columns) m, origin (2,) m, spacing m: the ground.
@@ -122,11 +122,11 @@ class PlacementMap:
         return np.stack([line_of_sight(self.elevation, camera, chest) > 0 for camera in self.node_cameras])
 
     @cached_property
-    def scene(self) -> Scene:
+    def scene(self) -> ViewScene:
         """The map as kernels need it for views."""
         floor = self.floor
         landmarks = self.roadmap.nodes, landmark_information(self)
-        return Scene(self.elevation.top, self.elevation.frame, floor.heights, floor.origin, floor.spacing, landmarks)
+        return ViewScene(self.elevation.top, self.elevation.frame, floor.heights, floor.origin, floor.spacing, landmarks)
 
     def surface_points(self, count: int, rng: np.random.Generator) -> Array:
         """Up to `count` random surface points (n, 3) m: first hits of rays from camera positions with the ground or objects."""

@@ -54,7 +54,7 @@ CLOSE = 1.2
 
 
 @dataclass(frozen=True, eq=False)
-class Forecast:
+class PeopleAhead:
     """k people at T times ahead: times (T,) s, feet (T, k, 2) m, and bounds (k, 4, 4) of now."""
 
     times: Array
@@ -62,16 +62,16 @@ class Forecast:
     bounds: Array
 
     @staticmethod
-    def of(knowledge: TeamKnowledge, times: Array) -> Forecast:
+    def of(knowledge: TeamKnowledge, times: Array) -> PeopleAhead:
         """People keep walking, for some seconds."""
         ahead = KEEPS_WALKING * (1.0 - np.exp(-times / KEEPS_WALKING))
         bounds = np.zeros((len(knowledge.position), 4, 4))
         bounds[:, :2, :2] = knowledge.covariance
         bounds[:, 2, 2] = bounds[:, 3, 3] = TRACKED_VELOCITY_SIGMA**2
-        return Forecast(times, knowledge.position + ahead[:, None, None] * knowledge.velocity, bounds)
+        return PeopleAhead(times, knowledge.position + ahead[:, None, None] * knowledge.velocity, bounds)
 
 
-def information_from(knowledge: TeamKnowledge, nodes: NDArray[np.int64], forecast: Forecast) -> Array:
+def information_from(knowledge: TeamKnowledge, nodes: NDArray[np.int64], forecast: PeopleAhead) -> Array:
     """Expected information (n, T, k, 2, 2), 1/m², of one frame from each of these nodes about each person at each time."""
     place, config = knowledge.place, knowledge.config
     cameras = place.node_cameras[nodes]
@@ -98,7 +98,7 @@ class Greedy:
     def act(self, knowledge: TeamKnowledge) -> Array:
         place = knowledge.place
         here = self._unseen.update(knowledge, knowledge.config.period / RECOVERY_TIME)
-        forecast = Forecast.of(knowledge, self.times)
+        forecast = PeopleAhead.of(knowledge, self.times)
         goals = [self._candidates(place, int(node), int(goal)) for node, goal in zip(here, self._goals, strict=True)]
         ways = [self._ways(place, int(node), row) for node, row in zip(here, goals, strict=True)]
         used, numbered = np.unique(np.concatenate([way.ravel() for way in ways]), return_inverse=True)
@@ -158,7 +158,7 @@ class Predictive(Greedy):
         return gain
 
 
-def team_values(forecast: Forecast, table: Array, ways: NDArray[np.int64], others: list[NDArray[np.int64]]) -> Array:
+def team_values(forecast: PeopleAhead, table: Array, ways: NDArray[np.int64], others: list[NDArray[np.int64]]) -> Array:
     """Expected information (n,) about all people, nats, the mean over the times, if one robot takes each of its ways (n, T) of rows of `table`.
 
     table: information_from the nodes. others: the ways (T,) of the other robots.
