@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from tracker.detections.boxes import detections_from_boxes
 from tracker.geometry import Array, Ints, Pose
-from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Camera
+from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Camera, Pinhole
 from tracker.geometry.ground import Flat, Ground
 from tracker.io.mot15 import MAX_FRAME
 from tracker.recordings.images import ImageFiles, ImageSource, TicksWithImages
@@ -34,6 +34,8 @@ NOBODY, NO_ROBOT = Detections.none(), RobotDetections.none()
 NO_BOXES = np.zeros((0, 4)), np.zeros(0)
 STATURE = (1.4, 2.3)
 """m: the default band of body heights, as in Setup."""
+GUESSED_FOCAL = 0.8
+"""Focal length over the width of the image where it is not known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,11 +43,19 @@ class RecordingCamera:
     """A camera: its model and its pose in body axes (x forward, y left, z up).
 
     pose: T_world_camera of a fixed camera; T_robot_camera where `robot` names the robot that carries it.
+    unknown: "K" where the model is a guess by the size of the image, "pose" where the pose is none. `pilsim calibrate` finds them.
     """
 
     camera: Camera
     pose: Pose
     robot: str | None = None
+    unknown: frozenset[str] = frozenset()
+
+    @staticmethod
+    def uncalibrated(width: int, height: int, camera: Camera | None = None) -> RecordingCamera:
+        """A camera of which the size of the image is known, and its model where `camera` is given."""
+        guess = Pinhole(width, height, GUESSED_FOCAL * width, GUESSED_FOCAL * width, (width - 1) / 2, (height - 1) / 2)
+        return RecordingCamera(camera or guess, Pose.identity(), unknown=frozenset({"pose"} if camera else {"K", "pose"}))
 
     @staticmethod
     def of_opencv(camera: Camera, R: ArrayLike, t: ArrayLike, robot: str | None = None) -> RecordingCamera:

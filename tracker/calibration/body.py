@@ -1,0 +1,111 @@
+"""Boxes of upright people as a function of a camera's parameters: what the adjustment compares with measured boxes.
+
+A body stands at a place on the ground. The lower edge of its box is its nearest point on the ground; the upper edge is at its head, or behind it
+where the camera looks down on it. The middle column is that between the outermost points of feet and head, as bodies lean towards the border.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tracker.geometry import Array, Pose
+from tracker.geometry.cameras import Camera, LensCamera, Pinhole
+
+NAMES = ("focal", "cx", "cy", "k1", "pitch", "roll", "yaw", "x", "y", "height", "offset")
+"""Parameters of a camera: logarithm of the focal length over its first value; shift of the principal point, as a share of the image's width; k1;
+pitch down, roll, yaw, rad; place, m; logarithm of the height in m; s by which its clock is to be put forward."""
+FOCAL, CX, CY, K1, PITCH, ROLL, YAW, X, Y, HEIGHT, OFFSET = range(len(NAMES))
+BODY_WIDTH = 0.5
+"""m."""
+GLOBALS = ("foot", "head", "stature")
+"""Of all bodies: m from the middle of a body to its nearest point on the ground, and to the point that the upper edge touches; mean stature, m."""
+LEAST_DEPTH = 0.05
+"""m: points nearer to the plane of the lens have no pixel."""
+
+
+def pose_of(row: Array) -> Pose:
+    """T_world_camera of the parameters (11,) of a camera."""
+    return Pose(rotation_of(*row[[PITCH, ROLL, YAW]].tolist()), np.array([row[X], row[Y], np.exp(row[HEIGHT])]))
+
+
+def rotation_of(pitch: float, roll: float, yaw: float) -> Array:
+    """World from camera (3, 3): turned by `roll` about its axis, then down by `pitch`, then by `yaw` about the vertical."""
+    (cp, sp), (cr, sr), (cy, sy) = ((np.cos(a), np.sin(a)) for a in (pitch, roll, yaw))
+    turned = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
+    down = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
+    about = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
+    return np.asarray(turned @ down @ about)
+
+
+def angles_of(rotation: Array) -> tuple[float, float, float]:
+    """Pitch, roll and yaw, rad, with rotation_of(pitch, roll, yaw) = rotation."""
+    ahead = rotation[:, 0]
+    pitch, yaw = float(-np.arcsin(np.clip(ahead[2], -1, 1))), float(np.arctan2(ahead[1], ahead[0]))
+    return pitch, float(np.arctan2(rotation[2, 1], rotation[2, 2])), yaw
+
+
+def lens_of(camera: Camera, row: Array) -> Camera:
+    """The camera with the focal length, principal point and k1 of its parameters (11,)."""
+    if not isinstance(camera, LensCamera) or not row[:PITCH].any():
+        return camera
+    factor, width = float(np.exp(row[FOCAL])), camera.width
+    moved = replace(camera, fx=camera.fx * factor, fy=camera.fy * factor, cx=camera.cx + row[CX] * width, cy=camera.cy + row[CY] * width)
+    if isinstance(camera, Pinhole) and row[K1]:
+        moved = replace(moved, distortion=(camera.distortion[0] + float(row[K1]), *camera.distortion[1:]))  # type: ignore[call-arg]
+    return moved
+
+
+def boxes_of(camera: Camera, row: Array, place: Array, stature: Array, body: Sequence[float]) -> Array:
+    """Middle column, upper and lower edge (n, 3) px of people at places (n, 2) m with statures (n,) m; NaN where there is no box.
+
+    body: distances `foot` and `head` of GLOBALS.
+    """
+    lens, R, high = lens_of(camera, row), rotation_of(*row[[PITCH, ROLL, YAW]].tolist()), float(np.exp(row[HEIGHT]))
+    away = place - row[[X, Y]]
+    if camera.wraps:
+        ahead = away / np.maximum(np.hypot(*away.T), 1e-6)[:, None]
+    else:
+        # Rows of a pinhole's image are lines across its axis on the ground.
+        ahead = np.broadcast_to(R[:2, 0] / max(float(np.hypot(*R[:2, 0])), 1e-6), away.shape)
+    left = np.column_stack([-away[:, 1], away[:, 0]]) / np.maximum(np.hypot(*away.T), 1e-6)[:, None] * (BODY_WIDTH / 2)
+    foot, head = body[0], body[1] * np.tanh((high - stature) / 0.1)[:, None]
+    ground, top = np.full(len(place), -high), stature - high
+    at = [(away - foot * ahead, ground), (away + head * ahead, top), *((away + side * left, z) for z in (ground, top) for side in (-1, 1))]
+    points = np.concatenate([np.column_stack([xy, z]) for xy, z in at]) @ R
+    near = (points[:, 0] < LEAST_DEPTH) if isinstance(camera, LensCamera) else np.zeros(len(points), dtype=bool)
+    pixels = lens.pixels_from_bearings(points / np.maximum(np.linalg.norm(points, axis=1), 1e-9)[:, None])[0]
+    pixels[near] = np.nan
+    pixels = pixels.reshape(6, -1, 2)
+    u = pixels[2:, :, 0]
+    if camera.wraps:
+        u = pixels[0, :, 0] + np.mod(u - pixels[0, :, 0] + camera.width / 2, camera.width) - camera.width / 2
+    return np.column_stack([(u.min(axis=0) + u.max(axis=0)) / 2, pixels[1, :, 1], pixels[0, :, 1]])
+
+
+def ground_places(camera: Camera, row: Array, middle: Array, top: Array, bottom: Array, foot: float) -> Array:
+    """Places (n, 2) m of the people whose boxes stand at `bottom` (n,) px, the inverse of boxes_of; NaN above the horizon."""
+    lens, R, high = lens_of(camera, row), rotation_of(*row[[PITCH, ROLL, YAW]].tolist()), float(np.exp(row[HEIGHT]))
+    lean = lean_of(lens, R, middle, top, bottom)
+    ray = lens.bearings_from_pixels(np.column_stack([middle + lean, bottom])) @ R.T
+    below = ray[:, 2] < -1e-3
+    away = ray[:, :2] * (high / np.where(below, -ray[:, 2], 1.0))[:, None]
+    if camera.wraps:
+        away = away * (1 + foot / np.maximum(np.hypot(*away.T), 1e-6))[:, None]
+    else:
+        away = away + foot * R[:2, 0] / max(float(np.hypot(*R[:2, 0])), 1e-6)
+    return np.asarray(np.where(below[:, None], away + row[[X, Y]], np.nan))
+
+
+def lean_of(lens: Camera, R: Array, middle: Array, top: Array, bottom: Array) -> Array:
+    """px (n,) by which feet are right of the middle columns of their boxes, as the vertical leans in the image. R (3, 3): world from camera."""
+    if lens.wraps:
+        return np.zeros(len(middle))
+    centre = np.column_stack([middle, (top + bottom) / 2])
+    down = lens.bearings_from_pixels(centre) - 0.02 * R[2]
+    along = lens.pixels_from_bearings(down / np.linalg.norm(down, axis=1, keepdims=True))[0] - centre
+    with np.errstate(invalid="ignore", divide="ignore"):
+        lean = along[:, 0] / along[:, 1] * (bottom - top) / 2
+    return np.where(np.isfinite(lean) & (along[:, 1] > 1e-6), np.clip(lean, -(bottom - top), bottom - top), 0.0)

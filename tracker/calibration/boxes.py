@@ -1,0 +1,166 @@
+"""Boxes of a camera as calibration takes them: one row a box, those that show whole bodies marked, and linked to tracklets in the image.
+
+The image alone is used here, as nothing is known of the camera. Lengths are compared in body heights, of which 1.72 m is one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from tracker.geometry import Array, Ints, Mask
+from tracker.geometry.camera_protocol import Camera
+from tracker.geometry.image_boxes import box_overlaps
+from tracker.recordings.recording import FrameBoxes
+
+EDGE = 0.01
+"""Boxes within this share of the image's height from its border are cut by it."""
+HIDDEN = 0.2
+"""Share of the lower or upper third of a box under nearer boxes from which its edge there is not trusted."""
+SECOND = 0.6
+"""IoU from which the box of the lower confidence is a second box of the same body."""
+LEAST_HEIGHT = 12.0
+"""px: smaller boxes are left out, as their edges say little."""
+ASPECT = (1.2, 6.0)
+"""Height over width of upright bodies."""
+STEP, SPEED = 0.1, 0.9
+"""Gate of a link in body heights: constant part, and that by the second, for 1.5 m/s."""
+GROWTH = (0.12, 0.6)
+"""Gate of the change of the logarithm of a box's height: constant part, and that by the second."""
+COASTING = 0.8
+"""s without a box after which a tracklet ends; at least two frames."""
+SMOOTHING = 0.3
+"""s over which velocities in the image are averaged."""
+CLEARLY = 2.0
+"""A link needs to be so many times nearer than the next one: otherwise the tracklet ends."""
+
+
+@dataclass(frozen=True, eq=False)
+class BoxTable:
+    """The n boxes of one camera: frame (n,) from 0, time (n,) s; middle, top, bottom, width (n,) px. whole (n,): feet and head are in sight.
+
+    track (n,): tracklet of each box, from 0. In an image that wraps, the middle is in [0, W).
+    """
+
+    frame: Ints
+    time: Array
+    middle: Array
+    top: Array
+    bottom: Array
+    width: Array
+    whole: Mask
+    track: Ints
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    @property
+    def height(self) -> Array:
+        """Heights (n,) px."""
+        return np.asarray(self.bottom - self.top)
+
+    def select(self, rows: Ints | Mask) -> BoxTable:
+        """The boxes in `rows`."""
+        return BoxTable(*(getattr(self, name)[rows] for name in BoxTable.__dataclass_fields__))
+
+
+def box_table(camera: Camera, boxes: FrameBoxes, rate: float) -> BoxTable:
+    """The boxes of a camera at `rate` frames/s, linked to tracklets."""
+    parts = [(frame, *_of_frame(camera, *boxes[frame])) for frame in sorted(boxes) if len(boxes[frame][0])]
+    edges = np.concatenate([part[1] for part in parts] or [np.zeros((0, 4))])
+    whole = np.concatenate([part[2] for part in parts] or [np.zeros(0, dtype=bool)])
+    frame = np.repeat(np.array([part[0] for part in parts], dtype=np.int64), [len(part[1]) for part in parts])
+    middle, width = (edges[:, 0] + edges[:, 2]) / 2, edges[:, 2] - edges[:, 0]
+    if camera.wraps:
+        middle = np.mod(middle, camera.width)
+    table = BoxTable(frame, frame / rate, middle, edges[:, 1], edges[:, 3], width, whole, np.zeros(len(frame), dtype=np.int64))
+    return replace(table, track=_linked(table, rate, camera.width if camera.wraps else 0))
+
+
+def _of_frame(camera: Camera, box: Array, confidence: Array) -> tuple[Array, Mask]:
+    """Edges (k, 4) px of the boxes of a frame without second boxes, and which show whole bodies."""
+    edges = np.column_stack([box[:, :2], box[:, :2] + box[:, 2:]])
+    ratio = box[:, 3] / np.maximum(box[:, 2], 1e-6)
+    kept = np.flatnonzero((box[:, 3] > LEAST_HEIGHT) & (box[:, 2] > 0))
+    edges, ratio, order = edges[kept], ratio[kept], np.argsort(-confidence[kept], kind="stable")
+    overlap = box_overlaps(edges, edges, camera.width if camera.wraps else None)
+    first = np.ones(len(edges), dtype=bool)
+    for row in order.tolist():
+        if first[row]:
+            first &= (overlap[row] < SECOND) | (np.arange(len(edges)) == row)
+    edges, ratio = edges[first], ratio[first]
+    low = camera.pixel_centre - 0.5
+    margin = EDGE * camera.height
+    whole = (edges[:, 1] > low + margin) & (edges[:, 3] < low + camera.height - margin) & (ratio > ASPECT[0]) & (ratio < ASPECT[1])
+    if not camera.wraps:
+        whole &= (edges[:, 0] > low + margin) & (edges[:, 2] < low + camera.width - margin)
+    return edges, whole & ~_hidden(edges)
+
+
+def _hidden(edges: Array) -> Mask:
+    """Boxes (k,) whose lower or upper third is under boxes that end lower in the image, which are of nearer people."""
+    height = (edges[:, 3] - edges[:, 1])[:, None]
+    nearer = edges[None, :, 3] > edges[:, 3, None]
+    across = np.minimum(edges[:, 2, None], edges[None, :, 2]) - np.maximum(edges[:, 0, None], edges[None, :, 0])
+    share = np.clip(across / np.maximum(edges[:, 2] - edges[:, 0], 1e-6)[:, None], 0.0, 1.0)
+    out = np.zeros(len(edges), dtype=bool)
+    for top, bottom in ((edges[:, 1, None], edges[:, 1, None] + height / 3), (edges[:, 3, None] - height / 3, edges[:, 3, None])):
+        down = np.clip(np.minimum(bottom, edges[None, :, 3]) - np.maximum(top, edges[None, :, 1]), 0.0, None) / np.maximum(height / 3, 1e-6)
+        out |= (np.where(nearer, share * down, 0.0)).max(axis=1, initial=0.0) > HIDDEN
+    return out
+
+
+def _linked(table: BoxTable, rate: float, period: int) -> Ints:
+    """Tracklet (n,) of each box: boxes of successive frames that are mutually nearest after prediction, where no other is nearly as near.
+
+    period: px after which the image wraps, 0 for none.
+    """
+    track = np.full(len(table), -1, dtype=np.int64)
+    state = np.column_stack([table.middle, table.bottom, table.height])
+    live = np.zeros((0, 2), dtype=np.int64)  # row of the last box, number of the tracklet
+    velocity, count = np.zeros((0, 2)), 0
+    starts = np.flatnonzero(np.diff(table.frame, prepend=-1))
+    coasting = max(COASTING, 2.5 / rate)
+    for first, end in zip(starts.tolist(), [*starts[1:].tolist(), len(table)], strict=True):
+        now, rows = table.time[first], np.arange(first, end)
+        recent = now - table.time[live[:, 0]] <= coasting + 1e-9
+        live, velocity = live[recent], velocity[recent]
+        taken, new_velocity = np.full(end - first, -1, dtype=np.int64), np.zeros((end - first, 2))
+        if len(live):
+            matched, lost = _matches(state[live[:, 0]], velocity, now - table.time[live[:, 0]], state[rows], period)
+            for k, j in matched:
+                taken[j] = k
+                passed = now - table.time[live[k, 0]]
+                moved = state[first + j, :2] - state[live[k, 0], :2]
+                moved[0] -= period * np.round(moved[0] / period) if period else 0
+                share = passed / (passed + SMOOTHING)
+                new_velocity[j] = (1 - share) * velocity[k] + share * moved / passed
+        fresh = np.flatnonzero(taken < 0)
+        track[rows] = live[taken, 1] if len(live) else 0
+        track[rows[fresh]] = count + np.arange(len(fresh))
+        count += len(fresh)
+        left = np.flatnonzero(lost) if len(live) else np.zeros(0, dtype=np.int64)
+        live = np.concatenate([live[left], np.column_stack([rows, track[rows]])])
+        velocity = np.concatenate([velocity[left], new_velocity])
+    return track
+
+
+def _matches(before: Array, velocity: Array, passed: Array, now: Array, period: int) -> tuple[list[tuple[int, int]], Mask]:
+    """Pairs of a tracklet and a box, and which tracklets have no box near them; others without a box end."""
+    expected = before[:, :2] + velocity * passed[:, None]
+    apart = now[None, :, :2] - expected[:, None]
+    if period:
+        apart[..., 0] -= period * np.round(apart[..., 0] / period)
+    size = np.sqrt(before[:, None, 2] * now[None, :, 2])
+    growth = np.abs(np.log(now[None, :, 2] / before[:, None, 2]))
+    cost = np.hypot(np.hypot(apart[..., 0], apart[..., 1]) / size / (STEP + SPEED * passed)[:, None], growth / (GROWTH[0] + GROWTH[1] * passed)[:, None])
+    usable = np.where(cost < 1.0, cost, 10.0)
+    pairs = [(k, j) for k, j in zip(*(part.tolist() for part in linear_sum_assignment(usable)), strict=True) if cost[k, j] < 1.0]
+    out = []
+    for k, j in pairs:
+        others = np.concatenate([np.delete(cost[k], j), np.delete(cost[:, j], k)])
+        if others.min(initial=np.inf) > CLEARLY * cost[k, j] + 0.1:
+            out.append((k, j))
+    return out, np.asarray(cost.min(axis=1) >= 1.0)

@@ -1,0 +1,300 @@
+"""Calibration of fixed cameras by the people who walk before them: read this first.
+
+Each camera says by itself what feet and heads tell of it (single_view.py). Pairs of cameras are brought to one ground by the paths of people
+(registration.py), the surest first. All parameters are then adjusted together with paths and statures (adjustment.py).
+What the data do not say is told in lines, `problems`, and the result is then a guess.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from tracker.calibration.adjustment import GLOBAL_PRIOR, Adjusted, Prior, adjust
+from tracker.calibration.body import CX, CY, FOCAL, HEIGHT, K1, OFFSET, PITCH, ROLL, YAW, X, Y, angles_of, lens_of, pose_of
+from tracker.calibration.boxes import box_table
+from tracker.calibration.people import observations
+from tracker.calibration.registration import MOST_OFFSET, Cloud, Match, View, agreement, match, paths_of, steps_of, visible
+from tracker.calibration.single_view import LEAST_BOXES, ROLL_SIGMA, SPREAD, USUAL_FOCAL, USUAL_HEIGHT, SingleView, single_view
+from tracker.geometry import Array, Pose
+from tracker.geometry.cameras import Camera, LensCamera, Pinhole
+from tracker.recordings import Recording, RecordingCamera
+
+LEAST_SHARE, LEAST_SCORE = 0.25, 12.0
+"""Agreement of a camera's people with those of the others, and places that agree above chance: less is no overlap."""
+AMBIGUOUS = 0.85
+"""Another place of a camera that agrees so nearly as well leaves its place open."""
+MOST_SIGMA = {FOCAL: 0.12, PITCH: np.radians(2.0), ROLL: np.radians(2.0), YAW: np.radians(3.0)}
+"""Deviations above which a parameter counts as not known."""
+MOST_PLACE = 0.12
+"""The same of a place, as a share of the mean distance of people."""
+LINE = 0.06
+"""Breadth over length of the ground where people walk, below which they walk on a line."""
+TIGHT = 0.6
+"""Errors of places after the adjustment, as a share of those before."""
+OTHER_CLOCK = 3.0
+"""s: deviation of clock offsets before anything is known."""
+Progress = Callable[..., Iterable[Any]]
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known beside the boxes. heights: camera → m above the ground. distances: two cameras → m.
+
+    stature: mean of people, m; None where it is not known. principal, k1: whether these are estimated, too. most_offset: s by which clocks differ.
+    """
+
+    heights: Mapping[str, float] = field(default_factory=dict)
+    distances: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    stature: float | None = 1.72
+    principal: bool = False
+    k1: bool = False
+    most_offset: float = MOST_OFFSET
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """Cameras with their models and poses, and what is known of them.
+
+    cameras: name → camera. offsets: name → s to add to its times. rows (cameras, 11): parameters as in body.NAMES; covariance (cameras · 11, same).
+    problems: what the data do not say, a line each; the result is a guess where there is one. figures: of the fit. paths: of people, m.
+    """
+
+    cameras: dict[str, RecordingCamera]
+    offsets: dict[str, float]
+    rows: Array
+    covariance: Array
+    problems: tuple[str, ...]
+    figures: dict[str, float]
+    paths: dict[int, tuple[Array, Array]]
+
+    @property
+    def sigma(self) -> dict[str, Array]:
+        """Standard deviations (11,) of each camera's parameters; the place is that in the frame of the result."""
+        return dict(zip(self.cameras, np.sqrt(np.diag(self.covariance)).reshape(-1, 11), strict=True))
+
+    def applied(self, recording: Recording) -> Recording:
+        """The recording with these cameras."""
+        return replace(recording, cameras={**recording.cameras, **self.cameras})
+
+
+def calibrate(recording: Recording, known: Known | None = None, progress: Progress | None = None) -> Calibration:
+    """Calibrate the fixed cameras of a recording by its boxes. Cameras with a pose are taken as they are, and define the world.
+
+    progress: wraps the iteration over pairs of cameras. Raises ValueError for a recording without fixed cameras that have boxes.
+    """
+    return _Calibrator(recording, known or Known()).run(progress)
+
+
+class _Calibrator:
+    """State of a calibration: views, parameters of the cameras that stand in one frame, and problems."""
+
+    def __init__(self, recording: Recording, known: Known) -> None:
+        self.recording, self.known, self.problems = recording, known, list[str]()
+        self.views: dict[str, View] = {}
+        self.rows: dict[str, Array] = {}
+        fixed = {name: camera for name, camera in recording.fixed.items() if recording.detections.get(name)}
+        if not fixed:
+            raise ValueError("no fixed camera has boxes, needs detections/CAMERA.txt; `pilsim detect` finds them in images")
+        self.posed = {name for name, camera in fixed.items() if "pose" not in camera.unknown}
+        for name, camera in fixed.items():
+            self._view(name, camera)
+        self.steps = steps_of(self.views.values()) if self.views else 0
+
+    def _view(self, name: str, camera: RecordingCamera) -> None:
+        table = box_table(camera.camera, self.recording.detections[name], self.recording.rate)
+        row = self._given(name, camera)
+        single = single_view(camera.camera, table, "K" not in camera.unknown, self.known.heights.get(name))
+        if row is not None:
+            single = SingleView(row, np.zeros((11, 11)), 0.0)
+        if single is None:
+            self.problems.append(f"{name}: {int(table.whole.sum())} boxes of whole bodies that are not cut or hidden, needs at least {LEAST_BOXES} apart in time")
+            return
+        self.views[name] = View(name, camera.camera, table, single)
+        if row is not None:
+            self.rows[name] = row
+
+    def _given(self, name: str, camera: RecordingCamera) -> Array | None:
+        """Parameters of a camera with a pose."""
+        if name not in self.posed:
+            return None
+        ground = float(self.recording.ground.height_at(camera.pose.translation[None])[0])
+        row = np.zeros(11)
+        row[[PITCH, ROLL, YAW]] = angles_of(camera.pose.rotation)
+        row[[X, Y]], row[HEIGHT] = camera.pose.translation[:2], np.log(max(camera.pose.translation[2] - ground, 0.01))
+        return row
+
+    def run(self, progress: Progress | None) -> Calibration:
+        if not self.views:
+            return self._result(None, [])
+        pairs = [(a, b) for a, b in combinations(self.views, 2) if not {a, b} <= self.posed]
+        matches = {pair: self._match(*pair) for pair in (pairs if progress is None else progress(pairs, total=len(pairs)))}
+        if not self.rows:
+            self._begin(matches)
+        adjusted: Adjusted | None = None
+        while left := [name for name in self.views if name not in self.rows]:
+            found = self._next(left, matches)
+            if found is None:
+                break
+            name, row = found
+            self.rows[name] = row
+            adjusted = self._adjust(rounds=8, most=2500)
+            if self._share(name)[1] < LEAST_SHARE:
+                del self.rows[name]
+                matches = {pair: [] if name in pair and not set(pair) - {name} - set(self.rows) else ms for pair, ms in matches.items()}
+        for name in left:
+            self.problems.append(self._why_alone(name, matches))
+        for tight in (1.0, TIGHT):
+            adjusted = self._adjust(tight=tight)
+        return self._result(adjusted, list(self.rows))
+
+    def _match(self, a: str, b: str) -> list[Match]:
+        """Places of b in the frame of a, or of a in that of b where b has a pose."""
+        first, second = self.views[a], self.views[b]
+        return match(first, second, first.single.row, self.steps, self.known.most_offset)
+
+    def _begin(self, matches: Mapping[tuple[str, str], list[Match]]) -> None:
+        """The surest pair, or the camera with the most boxes."""
+        best = max(matches, key=lambda pair: _value(matches[pair]), default=None)
+        if best is not None and _value(matches[best]) > LEAST_SHARE * LEAST_SCORE:
+            self.rows = dict(zip(best, matches[best][0].rows, strict=True))
+            self._adjust(rounds=8, most=2500)
+            if self._share(best[1])[1] >= LEAST_SHARE:
+                return
+        name = best[0] if best and self.rows else max(self.views, key=lambda one: int(self.views[one].table.whole.sum()))
+        self.rows = {name: self.views[name].single.row.copy()}
+
+    def _next(self, left: list[str], matches: dict[tuple[str, str], list[Match]]) -> tuple[str, Array] | None:
+        """The camera that agrees best with those in the frame, and its parameters."""
+        best: tuple[float, str, Array] | None = None
+        for name in left:
+            candidates = []
+            for (a, b), found in matches.items():
+                if name in (a, b) and (other := b if name == a else a) in self.rows:
+                    own, its = (0, 1) if name == a else (1, 0)
+                    candidates += [_moved(one.rows[own], one.rows[its], self.rows[other]) for one in found[:3] if one.share > LEAST_SHARE / 2]
+            for row in candidates:
+                score, share = self._share(name, row, 1.0)
+                if share >= LEAST_SHARE and score >= LEAST_SCORE and (best is None or score * share > best[0]):
+                    best = score * share, name, row
+        return None if best is None else best[1:]
+
+    def _share(self, name: str, row: Array | None = None, tight: float = TIGHT) -> tuple[float, float]:
+        """Agreement of a camera with the others in the frame, as registration.agreement: best sum and its share."""
+        own = self.rows[name] if row is None else row
+        cloud = Cloud.of(paths_of(self.views[name], own, self.steps), tight)
+        total, shares = 0.0, []
+        for other, its in self.rows.items():
+            if other == name:
+                continue
+            score, share = agreement(Cloud.of(paths_of(self.views[other], its, self.steps), tight), cloud, visible(self.views[other], its, cloud.point), cloud.point, 0)
+            total, shares = total + max(score, 0.0), [*shares, (score, share)]
+        best = max(shares, default=(0.0, 0.0))
+        return total, best[1]
+
+    def _prior(self, names: list[str]) -> Prior:
+        mean, sigma = np.zeros((len(names), 11)), np.full((len(names), 11), np.inf)
+        sigma[:, [CX, CY, K1]] = 0.0
+        sigma[:, [FOCAL, ROLL, OFFSET]] = USUAL_FOCAL[1], ROLL_SIGMA, OTHER_CLOCK
+        mean[:, HEIGHT], sigma[:, HEIGHT] = np.log(USUAL_HEIGHT[0]), USUAL_HEIGHT[1]
+        for k, name in enumerate(names):
+            camera, unknown = self.views[name].camera, self.recording.cameras[name].unknown
+            if isinstance(camera, LensCamera):
+                mean[k, FOCAL] = np.log(USUAL_FOCAL[0] * camera.width / camera.fx)
+            if "K" not in unknown or not isinstance(camera, LensCamera):
+                mean[k, FOCAL], sigma[k, FOCAL] = 0.0, 0.0
+            elif isinstance(camera, Pinhole):
+                sigma[k, [CX, CY]] = 0.03 if self.known.principal else 0.0
+                sigma[k, K1] = 0.2 if self.known.k1 else 0.0
+            if name in self.known.heights:
+                mean[k, HEIGHT], sigma[k, HEIGHT] = np.log(self.known.heights[name]), 0.005
+            if name in self.posed:
+                mean[k], sigma[k] = self.views[name].single.row, 0.0
+                sigma[k, OFFSET] = OTHER_CLOCK if name != min(self.posed) else 0.0
+        if not self.posed & set(names):
+            sigma[0, [X, Y, YAW, OFFSET]] = 0.0
+        body = GLOBAL_PRIOR.copy()
+        body[2] = (1.72, 0.2) if self.known.stature is None else (self.known.stature, body[2, 1] if not self._scaled() else 0.1)
+        index = {name: k for k, name in enumerate(names)}
+        far = tuple((index[a], index[b], m, 0.005 * m) for (a, b), m in self.known.distances.items() if a in index and b in index)
+        return Prior(mean, sigma, body, far)
+
+    def _scaled(self) -> bool:
+        """Whether something other than statures gives the scale."""
+        return bool(self.known.heights or self.known.distances or len(self.posed) > 0)
+
+    def _adjust(self, rounds: int = 20, most: int = 7000, tight: float = 1.0) -> Adjusted | None:
+        names = list(self.rows)
+        seen = observations(self.views, self.rows, self.steps, tight, most)
+        if len(seen.view) < LEAST_BOXES:
+            return None
+        rows = np.array([self.rows[name] for name in names])
+        adjusted = adjust([self.views[name].camera for name in names], seen, rows, self._prior(names), rounds)
+        self.rows = dict(zip(names, adjusted.rows, strict=True))
+        return adjusted
+
+    def _why_alone(self, name: str, matches: Mapping[tuple[str, str], list[Match]]) -> str:
+        best = max((one.share for pair, found in matches.items() if name in pair for one in found[:1]), default=None)
+        if best is None:
+            return f"{name}: nobody walks 1 m or more in sight of it and of another camera, which its place needs"
+        return f"{name}: sees too little of what other cameras see ({max(best, 0.0):.0%} of the people agree, needs {LEAST_SHARE:.0%}), so its place is not known"
+
+    def _result(self, adjusted: Adjusted | None, names: list[str]) -> Calibration:
+        rows = np.array([self.rows[name] for name in names]).reshape(-1, 11)
+        covariance = np.full((rows.size, rows.size), np.nan) if adjusted is None else adjusted.covariance
+        figures = {} if adjusted is None else {"boxes": float(len(adjusted.weight)), "people": float(len(adjusted.stature)), "inliers": float((adjusted.weight > 0.3).mean()),
+                   "stature": float(np.mean(adjusted.stature)), "foot": float(adjusted.body[0]), "head": float(adjusted.body[1])}  # fmt: skip
+        cameras, offsets = {}, {}
+        for name, row in zip(names, rows, strict=True):
+            given = self.recording.cameras[name]
+            pose = pose_of(row)
+            ground = float(self.recording.ground.height_at(np.append(row[[X, Y]], 0.0)[None])[0])
+            pose = Pose(pose.rotation, pose.translation + np.array([0.0, 0.0, ground]))
+            cameras[name] = given if name in self.posed else RecordingCamera(lens_of(given.camera, row), pose, given.robot)
+            offsets[name] = float(row[OFFSET])
+        paths = {} if adjusted is None else adjusted.paths
+        self._doubt(adjusted, names)
+        return Calibration(cameras, offsets, rows, covariance, tuple(self.problems), figures, paths)
+
+    def _doubt(self, adjusted: Adjusted | None, names: list[str]) -> None:
+        """Lines on what the adjustment leaves open."""
+        if adjusted is None:
+            if names:
+                self.problems.append("too few boxes of people who can be told apart")
+            return
+        if self.known.stature is None and not self._scaled():
+            self.problems.append("nothing gives the scale: neither a stature, nor the height of a camera, nor a distance is known")
+        places = np.concatenate([place for _, place in adjusted.paths.values()])
+        spread = np.sqrt(np.linalg.eigvalsh(np.cov(places.T)))
+        if spread[0] < LINE * spread[1]:
+            self.problems.append(f"all people walk on one line ({spread[0]:.1f} m broad, {spread[1]:.1f} m long), which leaves the cameras' turns about it open")
+        sigma = np.sqrt(np.abs(np.diag(adjusted.covariance))).reshape(-1, 11)
+        for k, name in enumerate(names):
+            distance = float(np.median(np.hypot(*(places - adjusted.rows[k, [X, Y]]).T)))
+            if sigma[k, FOCAL] > MOST_SIGMA[FOCAL]:
+                self.problems.append(f"{name}: focal length is known to {sigma[k, FOCAL]:.0%} only, as it cannot be told from pitch and height: people are at like distances")
+            elif (sigma[k, [PITCH, ROLL, YAW]] > [MOST_SIGMA[p] for p in (PITCH, ROLL, YAW)]).any():
+                self.problems.append(f"{name}: its angles are known to {np.degrees(sigma[k, [PITCH, ROLL, YAW]].max()):.1f}° only")
+            elif np.hypot(*sigma[k, [X, Y]]) > MOST_PLACE * distance:
+                self.problems.append(f"{name}: its place is known to {np.hypot(*sigma[k, [X, Y]]):.2f} m only")
+
+
+def _value(found: list[Match]) -> float:
+    return found[0].score * found[0].share if found else 0.0
+
+
+def _moved(row: Array, beside: Array, world: Array) -> Array:
+    """Parameters of a camera that stands to `beside` as `row` says, where that camera has the parameters `world`."""
+    out, turn = row.copy(), world[YAW] - beside[YAW]
+    away = row[[X, Y]] - beside[[X, Y]]
+    c, s = np.cos(turn), np.sin(turn)
+    out[X], out[Y] = world[X] + c * away[0] - s * away[1], world[Y] + s * away[0] + c * away[1]
+    out[YAW], out[OFFSET] = row[YAW] + turn, row[OFFSET] + world[OFFSET] - beside[OFFSET]
+    return out
+
+
+__all__ = ["SPREAD", "Calibration", "Camera", "Known", "calibrate"]

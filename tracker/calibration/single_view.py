@@ -1,0 +1,185 @@
+"""A camera by itself: focal length, pitch, roll and height from the feet and heads of people of known mean stature.
+
+A box that stands on the ground has a stature under every guess of the camera. The right guess gives each person one stature in all places, and
+statures that are spread as people's are (Lv, Zhao and Nevatia 2006, with maximum likelihood in place of their linear estimate).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from tracker.calibration.body import FOCAL, HEIGHT, PITCH, ROLL, lean_of, lens_of, rotation_of
+from tracker.calibration.boxes import BoxTable
+from tracker.geometry import Array, Ints, Mask
+from tracker.geometry.cameras import Camera, LensCamera
+
+STATURE, SPREAD, STATURES = 1.72, 0.09, (1.5, 2.0)
+"""m: mean, deviation and bounds of statures, as the simulated people have them."""
+FOCALS = np.geomspace(0.4, 2.2, 9)
+"""Focal lengths over the width of the image from which the search begins."""
+USUAL_FOCAL = (0.8, 0.35)
+"""Focal length over the width, and deviation of its logarithm: surveillance cameras see 40° to 110°."""
+USUAL_HEIGHT = (3.5, 0.8)
+"""m, and deviation of its logarithm."""
+ROLL_SIGMA = np.radians(4.0)
+PITCHES = np.radians(np.arange(-9.0, 70.0, 4.0))
+DEPTH = 0.4
+"""m between the point where the lower edge of a box meets the ground and that where the upper edge touches the body, along the line of sight."""
+EDGE = (0.045, 3.0)
+"""Error of a box's height: a share of it, and px."""
+SPACING, MOST = 0.4, 600
+"""s between two boxes of a tracklet, and most boxes, that are used."""
+STARTS = 3
+INDEPENDENT = 150
+"""More boxes than so many count as these: errors of a detector are alike in boxes that are alike."""
+STEP = 0.05
+"""Of the logarithm of a stature, for the derivative of the upper edge."""
+BEYOND = 4.0
+"""Residual of a box that would stand above the horizon."""
+LEAST_BOXES = 40
+
+
+@dataclass(frozen=True, eq=False)
+class SingleView:
+    """What a camera says by itself. row (11,): parameters as in body.NAMES. covariance (11, 11): of focal, pitch, roll and height, else 0.
+
+    spread: of the logarithm of statures that is left; 0.06 to 0.1 for right ones.
+    """
+
+    row: Array
+    covariance: Array
+    spread: float
+
+    @property
+    def sigma(self) -> Array:
+        """Deviations (11,) of the parameters."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    def with_focal(self, focal: float) -> Array:
+        """Parameters (11,) with the logarithm `focal` of a focal length, and the others as they then are likeliest."""
+        variance = self.covariance[FOCAL, FOCAL]
+        return np.asarray(self.row + (self.covariance[FOCAL] / variance * (focal - self.row[FOCAL]) if variance > 0 else 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class _Sample:
+    """Boxes of a camera that are used: table, the persons' numbers (n,), and errors (n,) px of the upper edge."""
+
+    camera: Camera
+    table: BoxTable
+    person: Ints
+    error: Array
+
+
+def thinned(table: BoxTable, spacing: float) -> Ints:
+    """Rows of the whole boxes, of each tracklet one within each `spacing` s."""
+    rows = np.flatnonzero(table.whole)
+    key = table.track[rows] * (1 + int(table.time.max(initial=0.0) / spacing)) + (table.time[rows] / spacing).astype(np.int64)
+    return np.sort(rows[np.unique(key, return_index=True)[1]])
+
+
+def single_view(camera: Camera, table: BoxTable, known_focal: bool, height: float | None = None) -> SingleView | None:
+    """The camera with the greatest posterior density; None with fewer than LEAST_BOXES boxes. height: m above the ground, where it is known."""
+    rows = thinned(table, SPACING)
+    rows = rows[:: 1 + len(rows) // MOST]
+    if len(rows) < LEAST_BOXES:
+        return None
+    part = table.select(rows)
+    person = np.unique(part.track, return_inverse=True)[1]
+    error = np.hypot(EDGE[0] * part.height, EDGE[1])
+    sample = _Sample(camera, part, person, error)
+    fixed = known_focal or not isinstance(camera, LensCamera)
+    starts = _starts(sample, fixed)
+    best = min((_refined(sample, start, fixed, height) for start in starts), key=lambda found: found[0])
+    return best[1]
+
+
+def _row(focal: float, pitch: float, roll: float, height: float) -> Array:
+    row = np.zeros(11)
+    row[[FOCAL, PITCH, ROLL, HEIGHT]] = focal, pitch, roll, height
+    return row
+
+
+def _log_first(camera: Camera, fixed: bool) -> Array:
+    """Logarithms of the focal lengths that are tried, over that of the camera as given."""
+    return np.zeros(1) if fixed or not isinstance(camera, LensCamera) else np.log(FOCALS * camera.width / camera.fx)
+
+
+def _starts(sample: _Sample, fixed: bool) -> list[Array]:
+    """Coarse guesses, the best first, at most one of each focal length."""
+    found = []
+    for focal in _log_first(sample.camera, fixed):
+        costs = []
+        for pitch in PITCHES:
+            row = _row(float(focal), float(pitch), 0.0, np.log(USUAL_HEIGHT[0]))
+            # The height of the camera scales all statures, but for what DEPTH changes.
+            for _ in range(2):
+                top, rise, valid = _tops(sample, row)
+                if valid.mean() < 0.7:
+                    break
+                log = (top - sample.table.top) / rise
+                row[HEIGHT] -= np.clip(np.median(log[valid]), -1.0, 1.0)
+            if valid.mean() < 0.7:
+                continue
+            top, rise, valid = _tops(sample, row)
+            r = (top - sample.table.top) / np.hypot(SPREAD / STATURE * rise, sample.error)
+            costs.append((float(np.minimum(np.where(valid, r * r, BEYOND**2), BEYOND**2).mean()), row))
+        if costs:
+            found.append(min(costs, key=lambda one: one[0]))
+    return [row for _, row in sorted(found, key=lambda one: one[0])[:STARTS]]
+
+
+def _tops(sample: _Sample, row: Array) -> tuple[Array, Array, Mask]:
+    """Row (n,) px of the head of a person of mean stature on the feet of each box, px (n,) by which it is higher for a stature e times as large,
+    and whether the feet are below the horizon."""
+    camera, t = lens_of(sample.camera, row), sample.table
+    R, high = rotation_of(*row[[PITCH, ROLL]].tolist(), 0.0), float(np.exp(row[HEIGHT]))
+    lean = lean_of(camera, R, t.middle, t.top, t.bottom)
+    foot = camera.bearings_from_pixels(np.column_stack([t.middle + lean, t.bottom])) @ R.T
+    level = np.maximum(np.hypot(foot[:, 0], foot[:, 1]), 1e-9)
+    valid = -foot[:, 2] / level > 0.01
+    distance = high / np.where(valid, -foot[:, 2] / level, 1.0) + DEPTH
+    ahead = foot[:, :2] / level[:, None] * distance[:, None]
+    heads = [np.column_stack([ahead, np.full(len(t), stature - high)]) @ R for stature in (STATURE, STATURE * np.exp(STEP))]
+    with np.errstate(invalid="ignore"):
+        tops = [camera.pixels_from_bearings(head / np.linalg.norm(head, axis=1, keepdims=True))[0][:, 1] for head in heads]
+    valid &= np.isfinite(tops[0]) & np.isfinite(tops[1])
+    return np.where(valid, tops[0], t.top), np.where(valid, (tops[0] - tops[1]) / STEP, t.height), valid
+
+
+def _refined(sample: _Sample, start: Array, fixed: bool, height: float | None) -> tuple[float, SingleView]:
+    """Maximum of the posterior from a start: its cost, and what it says."""
+    people, n = int(sample.person.max()) + 1, len(sample.person)
+    share = min(1.0, np.sqrt(INDEPENDENT / n))
+    usual = np.log(USUAL_FOCAL[0] * sample.camera.width / sample.camera.fx) if isinstance(sample.camera, LensCamera) else 0.0
+    level = (np.log(USUAL_HEIGHT[0]), USUAL_HEIGHT[1]) if height is None else (np.log(height), 0.01)
+    order = np.argsort(sample.person, kind="stable")
+    ends = np.searchsorted(sample.person[order], np.arange(people))
+
+    def residuals(x: Array) -> Array:
+        row = _row(0.0 if fixed else x[3], x[0], x[1], x[2])
+        top, rise, valid = _tops(sample, row)
+        log = (top - sample.table.top) / rise
+        weight = np.where(valid & (np.abs(log) < 0.4), (rise / sample.error) ** 2, 1e-6)
+        # The stature of each person is the posterior mean, of the boxes and of what people are like.
+        sums = np.add.reduceat(np.column_stack([weight * log, weight])[order], ends)
+        mean = sums[:, 0] / (sums[:, 1] + (STATURE / SPREAD) ** 2)
+        own = np.where(valid, (log - mean[sample.person]) * rise / sample.error, BEYOND)
+        prior = [x[1] / ROLL_SIGMA, (x[2] - level[0]) / level[1], 0.0 if fixed else (x[3] - usual) / USUAL_FOCAL[1]]
+        return np.concatenate([share * own / np.sqrt(1 + (own / 2.5) ** 2 / 2), share * mean * STATURE / SPREAD, prior])
+
+    x0 = np.array([start[PITCH], start[ROLL], start[HEIGHT] if height is None else np.log(height), *([] if fixed else [start[FOCAL]])])
+    found = least_squares(residuals, x0, x_scale=np.array([0.05, 0.03, 0.1, *([] if fixed else [0.1])]), max_nfev=40)
+    H = found.jac.T @ found.jac
+    covariance = np.linalg.pinv(H) * max(1.0, 2 * float(found.cost) / min(n, INDEPENDENT))
+    row = _row(0.0 if fixed else found.x[3], found.x[0], found.x[1], found.x[2])
+    top, rise, valid = _tops(sample, row)
+    log = (top - sample.table.top) / rise
+    whole, own = np.zeros((11, 11)), np.array([PITCH, ROLL, HEIGHT, *([] if fixed else [FOCAL])])
+    whole[np.ix_(own, own)] = covariance
+    spread = float(1.48 * np.median(np.abs(log[valid] - np.median(log[valid])))) if valid.any() else np.inf
+    return float(found.cost), SingleView(row, whole, spread)
+
