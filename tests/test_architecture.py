@@ -51,6 +51,7 @@ LAYERS: dict[str, dict[str, set[str]]] = {
         "mht": {"geometry", "types", "detections", "tracks", "clique"},
         "planar_slam": {"geometry", "io", "sequence"},
         "recordings": {"geometry", "types", "io", "sequence", "detections"},
+        "calibration": {"geometry", "recordings"},
         "datasets": {"geometry", "types", "io", "sequence", "detections", "ekf", "recordings"},
         "formats": {"geometry", "types", "io", "sequence", "detections", "planar_slam", "recordings"},
         "detector_models": {"geometry", "types", "io", "detections", "recordings", "formats"},

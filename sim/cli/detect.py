@@ -72,7 +72,7 @@ class Detect:
             raise ValueError(f"{self.source}: is no image or video that is read, needs one of {', '.join(READ)}, or a folder")
         else:
             options = SourceOptions.parse(cameras=self.cameras, frames=self.frames, images=True, pixels=True)
-            sequence = open_sequence(self.source, options)
+            sequence = open_sequence(self.source, options, calibrated=False)
             run[INPUTS] = images_checksum(self.source, options)
             found = write_detections(frames_of_sequence(sequence), len(sequence.ticks) * len(sequence.setup.mounts), self.out, run, how)
         if self.json:

@@ -28,7 +28,7 @@ from tracker.options import check_options
 
 GROUPS: dict[str, tuple[str, ...]] = {
     "Start": ("demo", "doctor"),
-    "Data": ("generate", "worlds", "check", "info", "import", "export", "view"),
+    "Data": ("generate", "worlds", "check", "calibrate", "info", "import", "export", "view"),
     "Tracking": ("detect", "track", "score", "score-detections", "clique"),
     "Experiments": ("fit-detector", "train-detector", "predict", "tune", "stress", "report", "compare", "place", "study"),
 }

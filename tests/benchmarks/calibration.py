@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
-import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,8 +14,6 @@ from sim.tuning.walks import STEPS, Habits, Walkers, walks
 from tracker.detector_models.model import named_model
 from tracker.detector_models.observations import TruePeople
 from tracker.detector_models.simulation import simulated_detections
-from tracker.geometry import Array
-from tracker.geometry.cameras import Pinhole
 from tracker.recordings import Recording, RecordingCamera
 
 KINDS = {"room": ((6.0, 10.0), (4.0, 6.0)), "hall": ((14.0, 26.0), (9.0, 16.0)), "square": ((16.0, 30.0), (12.0, 24.0))}

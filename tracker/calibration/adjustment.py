@@ -14,7 +14,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
-from tracker.calibration.body import NAMES, OFFSET, PITCH, ROLL, YAW, boxes_of, ground_places
+from tracker.calibration.body import HEIGHT, NAMES, OFFSET, boxes_of, ground_places
 from tracker.calibration.people import Observations
 from tracker.calibration.single_view import SPREAD, STATURE
 from tracker.geometry import Array, Ints
@@ -26,7 +26,7 @@ RELATIVE = STATURE / SPREAD
 """1 over the relative deviation of statures."""
 CAUCHY = 2.0
 """Scale of Cauchy's weight, in standard deviations of a box."""
-GLOBAL_PRIOR = np.array([[0.15, 0.08], [0.2, 0.1], [STATURE, 0.03]])
+GLOBAL_PRIOR = np.array([[0.15, 0.08], [0.2, 0.06], [STATURE, 0.03]])
 """Mean and deviation of body.GLOBALS: bodies are between cylinders of 0.5 m, as simulated ones, and people with feet and a head."""
 STEPS = np.array([1e-4, 1e-5, 1e-5, 1e-4, 1e-5, 1e-5, 1e-5, 1e-4, 1e-4, 1e-5, 1e-3])
 """Of the parameters of a camera, for derivatives."""
@@ -34,6 +34,10 @@ ROUNDS, ENOUGH = 20, 1e-4
 """Most steps, and the relative fall of the cost at which they end."""
 OUTLIER = 30.0
 """Residual where a box has no pixel."""
+MOST_RATIO, LEAST_INLIERS = 0.16, 0.4
+"""Of people: greatest logarithm of their stature over the mean, three deviations, and least share of boxes that are no outliers."""
+INLIER = 0.3
+"""Weight of a box that is no outlier."""
 CLUSTER = 3.0
 """s of a tracklet whose errors are taken together."""
 DAMPING = 1e-3
@@ -68,6 +72,16 @@ class Adjusted:
     paths: dict[int, tuple[Array, Array]]
     stature: Array
 
+    def figures(self) -> dict[str, float]:
+        """Numbers of boxes and people, share of boxes that are no outliers, mean stature m, and the distances of body.GLOBALS, m."""
+        inliers = float((self.weight > INLIER).mean())
+        found = {"boxes": float(len(self.weight)), "people": float(len(self.stature)), "inliers": inliers, "stature": float(self.stature.mean())}
+        return found | {"foot": float(self.body[0]), "head": float(self.body[1]), "mean_stature": float(self.body[2])}
+
+
+State = tuple[Array, Array, Array, Array]
+"""Parameters of cameras (cameras, 11) and bodies (3,), statures (people,) m and knots (knots, 2) m."""
+
 
 class _Problem:
     """The unknowns: free parameters of cameras and bodies first, then of each person the stature and the knots."""
@@ -86,7 +100,7 @@ class _Problem:
         self.count = np.ceil((high - low) / KNOT).astype(np.int64) + 3
         self.first = np.cumsum([0, *self.count[:-1].tolist()])
         self.knots = int(self.count.sum())
-        self.body, self.rows = prior.body[:, 0].copy(), rows.copy()
+        self.body, self.rows, self._first_rows = prior.body[:, 0].copy(), rows.copy(), rows.copy()
         self.stature = np.full(self.people, self.body[2])
         self.place = self._initial_places()
 
@@ -95,12 +109,12 @@ class _Problem:
         s = self.seen
         foot = np.zeros((len(s.view), 2))
         for k, rows in enumerate(self.of_view):
-            foot[rows] = ground_places(self.cameras[k], self.rows[k], *s.box[rows].T, self.body[0])
+            foot[rows] = ground_places(self.cameras[k], self.rows[k], s.box[rows], float(self.body[0]))
         known = np.isfinite(foot[:, 0])
         at, share = self._at(self.rows)
         n = int(known.sum())
-        i = np.arange(n)
-        B = sparse.coo_matrix((np.concatenate([1 - share[known], share[known]]), (np.tile(i, 2), np.concatenate([at[known], at[known] + 1]))), (n, self.knots))
+        at, share, i = at[known], share[known], np.arange(n)
+        B = sparse.coo_matrix((np.concatenate([1 - share, share]), (np.tile(i, 2), np.concatenate([at, at + 1]))), (n, self.knots))
         away = np.zeros(len(s.view))
         for k, rows in enumerate(self.of_view):
             away[rows] = np.hypot(*(foot[rows] - self.rows[k, 7:9]).T)
@@ -124,7 +138,7 @@ class _Problem:
         data = np.repeat([scale, -2 * scale, scale], n)
         return sparse.csr_matrix((data, (np.tile(i, 3), np.concatenate([middle - 1, middle, middle + 1]))), (n, self.knots))
 
-    def predicted(self, state: tuple[Array, Array, Array, Array], moved: tuple[str, int] = ("", 0), step: float = 0.0) -> Array:
+    def predicted(self, state: State, moved: tuple[str, int] = ("", 0), step: float = 0.0) -> Array:
         """Boxes (n, 3) px. moved: a quantity that is changed by `step`: a parameter of all cameras, the body, places or statures."""
         rows, body, stature, place = state
         s = self.seen
@@ -150,26 +164,29 @@ class _Problem:
                 out[own, 0] -= self.cameras[k].width * np.round(apart / self.cameras[k].width)
         return out
 
-    def residuals(self, state: tuple[Array, Array, Array, Array]) -> Array:
+    def residuals(self, state: State) -> Array:
         """Of boxes (n, 3), in standard deviations."""
         r = (self.predicted(state) - self.seen.box) / self.sigma
         return np.where(np.isfinite(r), np.clip(r, -OUTLIER, OUTLIER), OUTLIER)
 
-    def prior_residuals(self, state: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array]:
+    def prior_residuals(self, state: State) -> tuple[Array, Array, Array]:
         """Of cameras and bodies (free + 3 + distances,), statures (people,) and paths (m, 2)."""
         rows, body, stature, place = state
         mean, sigma = self.prior.mean.ravel()[self.free], self.prior.sigma.ravel()[self.free]
         camera = np.where(np.isfinite(sigma), (rows.ravel()[self.free] - mean) / np.where(np.isfinite(sigma), sigma, 1.0), 0.0)
         bodies = (body - self.prior.body[:, 0]) / self.prior.body[:, 1]
         apart = [(self._distance(rows, a, b) - far) / error for a, b, far, error in self.prior.distances]
-        # Relative to the mean stature, so that no prior of people draws the scale.
-        return np.concatenate([camera, bodies, apart]), (stature / body[2] - 1) * RELATIVE, self._smooth @ place * (STATURE / body[2])
+        return np.concatenate([camera, bodies, apart]), (stature / body[2] - 1) * RELATIVE, self._smooth @ place * self._unit(rows)
+
+    def _unit(self, rows: Array) -> float:
+        """By how much smaller the world was at first, by the heights of cameras: smooth paths are to draw no scale."""
+        return float(np.exp((self._first_rows - rows)[:, HEIGHT].mean()))
 
     @staticmethod
     def _distance(rows: Array, a: int, b: int) -> float:
-        return float(np.linalg.norm(np.append((rows[a] - rows[b])[7:9], np.exp(rows[a, 9]) - np.exp(rows[b, 9]))))
+        return float(np.linalg.norm(np.append((rows[a] - rows[b])[7:9], np.exp(rows[a, HEIGHT]) - np.exp(rows[b, HEIGHT]))))
 
-    def cost(self, state: tuple[Array, Array, Array, Array]) -> float:
+    def cost(self, state: State) -> float:
         """Sum of squares; of boxes, twice Cauchy's negative logarithm."""
         r = self.residuals(state)
         squares = CAUCHY**2 * np.log1p((r * r).sum(axis=1) / CAUCHY**2)
@@ -204,14 +221,14 @@ class _Problem:
                 self.sigma[own] *= np.clip(1.48 * np.median(np.abs(r[own]), axis=0), 0.3, 3.0)
         return np.array([(self.sigma[own] / self.seen.sigma[own])[0] if len(own) else np.ones(3) for own in self.of_view])
 
-    def _moved(self, state: tuple[Array, Array, Array, Array], step: tuple[Array, Array]) -> tuple[Array, Array, Array, Array]:
+    def _moved(self, state: State, step: tuple[Array, Array]) -> State:
         rows, body, stature, place = state
         camera, rest = step
         new = rows.ravel().copy()
         new[self.free] += camera[: len(self.free)]
         return new.reshape(rows.shape), body + camera[len(self.free) :], stature + rest[: self.people], place + rest[self.people :].reshape(2, -1).T
 
-    def _system(self, state: tuple[Array, Array, Array, Array]) -> dict[str, Array]:
+    def _system(self, state: State) -> dict[str, Array]:
         """Normal equations: of cameras and bodies, of people, and between them."""
         s, base = self.seen, self.predicted(state)
         r = self.residuals(state)
@@ -237,15 +254,15 @@ class _Problem:
             J[:, free + g] = derivative("body", g, 1e-4).ravel()
         i = np.arange(3 * n)
         knot, part = np.repeat(at, 3), np.repeat(share, 3)
-        K = sparse.csr_matrix(
-            (np.concatenate([derivative("stature", 0, 1e-4).ravel(), *((1 - part) * d.ravel() for d in (dx, dy)), *(part * d.ravel() for d in (dx, dy))]),
-             (np.tile(i, 5), np.concatenate([np.repeat(s.person, 3), *(self.people + a * self.knots + knot for a in (0, 1)), *(self.people + a * self.knots + knot + 1 for a in (0, 1))]))),
-            (3 * n, self.people + 2 * self.knots),
-        )  # fmt: skip
+        before, after = (1 - part, part)
+        data = [derivative("stature", 0, 1e-4).ravel(), before * dx.ravel(), after * dx.ravel(), before * dy.ravel(), after * dy.ravel()]
+        x, y = self.people + knot, self.people + self.knots + knot
+        columns = np.concatenate([np.repeat(s.person, 3), x, x + 1, y, y + 1])
+        K = sparse.csr_matrix((np.concatenate(data), (np.tile(i, 5), columns)), (3 * n, self.people + 2 * self.knots))
         wr = (r * root[:, None] * ok).ravel()
         return self._with_priors(state, {"J": J, "K": K, "r": wr})
 
-    def _with_priors(self, state: tuple[Array, Array, Array, Array], system: dict[str, Array]) -> dict[str, Array]:
+    def _with_priors(self, state: State, system: dict[str, Array]) -> dict[str, Array]:
         J, K, wr = system["J"], system["K"], system["r"]
         camera, stature, smooth = self.prior_residuals(state)
         free = len(self.free)
@@ -259,17 +276,14 @@ class _Problem:
                 moved = state[0].copy().ravel()
                 moved[flat] += 1e-5
                 P[free + 3 + k, column] = (self._distance(moved.reshape(state[0].shape), a, b) - base) / 1e-5 / error
-        mean, scale = state[1][2], STATURE / state[1][2]
+        mean, scale = state[1][2], self._unit(state[0])
         D = sparse.block_diag([sparse.eye(self.people) * (RELATIVE / mean), self._smooth * scale, self._smooth * scale]).tocsr()
         C = (K.T @ K + D.T @ D).tocsc()
         g = np.concatenate([stature, smooth[:, 0], smooth[:, 1]])
-        by_mean = -np.concatenate([state[2] * (RELATIVE / mean**2), smooth[:, 0] / mean, smooth[:, 1] / mean])
-        cross = K.T @ J
-        cross[:, free + 2] += D.T @ by_mean
-        A = J.T @ J + P.T @ P
-        A[free + 2, free + 2] += by_mean @ by_mean
-        right = J.T @ wr + P.T @ camera
-        right[free + 2] += by_mean @ g
+        E = np.zeros((len(g), free + 3))
+        E[: self.people, free + 2] = -state[2] * (RELATIVE / mean**2)
+        E[self.people :, np.flatnonzero(self.free % len(NAMES) == HEIGHT)] = -g[self.people :, None] / len(self.cameras)
+        cross, A, right = K.T @ J + D.T @ E, J.T @ J + P.T @ P + E.T @ E, J.T @ wr + P.T @ camera + E.T @ g
         return system | {"A": A, "B": cross, "C": C, "a": right, "c": K.T @ wr + D.T @ g}
 
     @staticmethod
@@ -282,7 +296,7 @@ class _Problem:
         camera = np.linalg.solve(S + 1e-12 * np.eye(len(S)) * np.trace(S), -(system["a"] - system["B"].T @ X[:, -1]))
         return camera, -(X[:, -1] + X[:, :-1] @ camera)
 
-    def _result(self, state: tuple[Array, Array, Array, Array]) -> Adjusted:
+    def _result(self, state: State) -> Adjusted:
         system = self._system(state)
         X = _factor(system["C"]).solve(system["B"])
         H = system["A"] - system["B"].T @ X
@@ -304,7 +318,8 @@ class _Problem:
         r = self.residuals(state)
         weight = 1 / (1 + (r * r).sum(axis=1) / CAUCHY**2)
         rows, body, stature, place = state
-        paths = {k: (self.start[k] + KNOT * np.arange(self.count[k]), place[self.first[k] : self.first[k] + self.count[k]]) for k in range(self.people)}
+        ends = zip(self.start, self.first.tolist(), self.count.tolist(), strict=True)
+        paths = {k: (start + KNOT * np.arange(count), place[first : first + count]) for k, (start, first, count) in enumerate(ends)}
         return Adjusted(rows, whole, body, np.ones((len(self.cameras), 3)), self.cost(state) / max(len(weight), 1), weight, paths, stature)
 
 
@@ -314,11 +329,21 @@ def _factor(matrix: sparse.csc_matrix) -> SuperLU:
 
 
 def adjust(cameras: Sequence[Camera], seen: Observations, rows: Array, prior: Prior, rounds: int = ROUNDS) -> Adjusted:
-    """The parameters of greatest posterior density from `rows` (cameras, 11), after the errors of boxes were set from residuals."""
-    problem = _Problem(cameras, seen, rows, prior)
-    problem.solve(max(rounds // 2, 4))
+    """The parameters of greatest posterior density from `rows` (cameras, 11).
+
+    Half of the steps are made first. Who then has no stature of people, or boxes that are mostly outliers, is left out: false boxes, for instance.
+    Errors of boxes are set from the residuals before the rest.
+    """
+    first = _Problem(cameras, seen, rows, prior)
+    found = first.solve(max(rounds // 2, 4))
+    ratio, count = found.stature / found.body[2], np.bincount(seen.person, minlength=len(found.stature))
+    inliers = np.bincount(seen.person, found.weight > INLIER, minlength=len(found.stature)) / np.maximum(count, 1)
+    kept = (np.abs(np.log(ratio)) < MOST_RATIO) & (inliers > LEAST_INLIERS)
+    if not kept[seen.person].any():
+        kept[:] = True
+    problem = _Problem(cameras, seen.of_people(kept), found.rows, prior)
+    problem.body = found.body
+    problem.stature[:] = found.stature[kept]
+    problem.solve(5)
     factors = problem.rescaled()
     return replace(problem.solve(rounds), factors=factors)
-
-
-__all__ = ["Adjusted", "Prior", "adjust", "PITCH", "ROLL", "YAW"]

@@ -1,12 +1,11 @@
 """Boxes of upright people as a function of a camera's parameters: what the adjustment compares with measured boxes.
 
-A body stands at a place on the ground. The lower edge of its box is its nearest point on the ground; the upper edge is at its head, or behind it
-where the camera looks down on it. The middle column is that between the outermost points of feet and head, as bodies lean towards the border.
+A body stands at a place on the ground. The lower edge of its box is its nearest point on the ground. The upper edge is at its head, or behind it
+where the camera looks down. The middle column is that between the outermost points of feet and head, as bodies lean towards the border.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,23 +14,23 @@ from tracker.geometry import Array, Pose
 from tracker.geometry.cameras import Camera, LensCamera, Pinhole
 
 NAMES = ("focal", "cx", "cy", "k1", "pitch", "roll", "yaw", "x", "y", "height", "offset")
-"""Parameters of a camera: logarithm of the focal length over its first value; shift of the principal point, as a share of the image's width; k1;
-pitch down, roll, yaw, rad; place, m; logarithm of the height in m; s by which its clock is to be put forward."""
+"""Parameters of a camera. focal: logarithm of the focal length over its first value. cx, cy: shift of the principal point over the image's width.
+pitch (down), roll, yaw: rad. x, y: m. height: logarithm of m. offset: s by which its clock is to be put forward."""
 FOCAL, CX, CY, K1, PITCH, ROLL, YAW, X, Y, HEIGHT, OFFSET = range(len(NAMES))
 BODY_WIDTH = 0.5
 """m."""
 GLOBALS = ("foot", "head", "stature")
-"""Of all bodies: m from the middle of a body to its nearest point on the ground, and to the point that the upper edge touches; mean stature, m."""
+"""Of all bodies, m. foot: from the middle to the nearest point on the ground. head: to the point that the upper edge touches. Mean stature."""
 LEAST_DEPTH = 0.05
 """m: points nearer to the plane of the lens have no pixel."""
 
 
 def pose_of(row: Array) -> Pose:
     """T_world_camera of the parameters (11,) of a camera."""
-    return Pose(rotation_of(*row[[PITCH, ROLL, YAW]].tolist()), np.array([row[X], row[Y], np.exp(row[HEIGHT])]))
+    return Pose(rotation_of(float(row[PITCH]), float(row[ROLL]), float(row[YAW])), np.array([row[X], row[Y], np.exp(row[HEIGHT])]))
 
 
-def rotation_of(pitch: float, roll: float, yaw: float) -> Array:
+def rotation_of(pitch: float, roll: float, yaw: float = 0.0) -> Array:
     """World from camera (3, 3): turned by `roll` about its axis, then down by `pitch`, then by `yaw` about the vertical."""
     (cp, sp), (cr, sr), (cy, sy) = ((np.cos(a), np.sin(a)) for a in (pitch, roll, yaw))
     turned = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
@@ -58,12 +57,12 @@ def lens_of(camera: Camera, row: Array) -> Camera:
     return moved
 
 
-def boxes_of(camera: Camera, row: Array, place: Array, stature: Array, body: Sequence[float]) -> Array:
+def boxes_of(camera: Camera, row: Array, place: Array, stature: Array, body: Array) -> Array:
     """Middle column, upper and lower edge (n, 3) px of people at places (n, 2) m with statures (n,) m; NaN where there is no box.
 
     body: distances `foot` and `head` of GLOBALS.
     """
-    lens, R, high = lens_of(camera, row), rotation_of(*row[[PITCH, ROLL, YAW]].tolist()), float(np.exp(row[HEIGHT]))
+    lens, R, high = lens_of(camera, row), rotation_of(float(row[PITCH]), float(row[ROLL]), float(row[YAW])), float(np.exp(row[HEIGHT]))
     away = place - row[[X, Y]]
     if camera.wraps:
         ahead = away / np.maximum(np.hypot(*away.T), 1e-6)[:, None]
@@ -85,9 +84,10 @@ def boxes_of(camera: Camera, row: Array, place: Array, stature: Array, body: Seq
     return np.column_stack([(u.min(axis=0) + u.max(axis=0)) / 2, pixels[1, :, 1], pixels[0, :, 1]])
 
 
-def ground_places(camera: Camera, row: Array, middle: Array, top: Array, bottom: Array, foot: float) -> Array:
-    """Places (n, 2) m of the people whose boxes stand at `bottom` (n,) px, the inverse of boxes_of; NaN above the horizon."""
-    lens, R, high = lens_of(camera, row), rotation_of(*row[[PITCH, ROLL, YAW]].tolist()), float(np.exp(row[HEIGHT]))
+def ground_places(camera: Camera, row: Array, box: Array, foot: float) -> Array:
+    """Places (n, 2) m of the people with boxes (n, 3): middle, top and bottom px, the inverse of boxes_of; NaN above the horizon."""
+    middle, top, bottom = box.T
+    lens, R, high = lens_of(camera, row), rotation_of(float(row[PITCH]), float(row[ROLL]), float(row[YAW])), float(np.exp(row[HEIGHT]))
     lean = lean_of(lens, R, middle, top, bottom)
     ray = lens.bearings_from_pixels(np.column_stack([middle + lean, bottom])) @ R.T
     below = ray[:, 2] < -1e-3

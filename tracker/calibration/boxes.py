@@ -38,7 +38,7 @@ CLEARLY = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class BoxTable:
+class LinkedBoxes:
     """The n boxes of one camera: frame (n,) from 0, time (n,) s; middle, top, bottom, width (n,) px. whole (n,): feet and head are in sight.
 
     track (n,): tracklet of each box, from 0. In an image that wraps, the middle is in [0, W).
@@ -61,12 +61,12 @@ class BoxTable:
         """Heights (n,) px."""
         return np.asarray(self.bottom - self.top)
 
-    def select(self, rows: Ints | Mask) -> BoxTable:
+    def select(self, rows: Ints | Mask) -> LinkedBoxes:
         """The boxes in `rows`."""
-        return BoxTable(*(getattr(self, name)[rows] for name in BoxTable.__dataclass_fields__))
+        return LinkedBoxes(*(getattr(self, name)[rows] for name in LinkedBoxes.__dataclass_fields__))
 
 
-def box_table(camera: Camera, boxes: FrameBoxes, rate: float) -> BoxTable:
+def linked_boxes(camera: Camera, boxes: FrameBoxes, rate: float) -> LinkedBoxes:
     """The boxes of a camera at `rate` frames/s, linked to tracklets."""
     parts = [(frame, *_of_frame(camera, *boxes[frame])) for frame in sorted(boxes) if len(boxes[frame][0])]
     edges = np.concatenate([part[1] for part in parts] or [np.zeros((0, 4))])
@@ -75,7 +75,7 @@ def box_table(camera: Camera, boxes: FrameBoxes, rate: float) -> BoxTable:
     middle, width = (edges[:, 0] + edges[:, 2]) / 2, edges[:, 2] - edges[:, 0]
     if camera.wraps:
         middle = np.mod(middle, camera.width)
-    table = BoxTable(frame, frame / rate, middle, edges[:, 1], edges[:, 3], width, whole, np.zeros(len(frame), dtype=np.int64))
+    table = LinkedBoxes(frame, frame / rate, middle, edges[:, 1], edges[:, 3], width, whole, np.zeros(len(frame), dtype=np.int64))
     return replace(table, track=_linked(table, rate, camera.width if camera.wraps else 0))
 
 
@@ -112,7 +112,7 @@ def _hidden(edges: Array) -> Mask:
     return out
 
 
-def _linked(table: BoxTable, rate: float, period: int) -> Ints:
+def _linked(table: LinkedBoxes, rate: float, period: int) -> Ints:
     """Tracklet (n,) of each box: boxes of successive frames that are mutually nearest after prediction, where no other is nearly as near.
 
     period: px after which the image wraps, 0 for none.
@@ -155,7 +155,8 @@ def _matches(before: Array, velocity: Array, passed: Array, now: Array, period: 
         apart[..., 0] -= period * np.round(apart[..., 0] / period)
     size = np.sqrt(before[:, None, 2] * now[None, :, 2])
     growth = np.abs(np.log(now[None, :, 2] / before[:, None, 2]))
-    cost = np.hypot(np.hypot(apart[..., 0], apart[..., 1]) / size / (STEP + SPEED * passed)[:, None], growth / (GROWTH[0] + GROWTH[1] * passed)[:, None])
+    moved = np.hypot(apart[..., 0], apart[..., 1]) / size / (STEP + SPEED * passed)[:, None]
+    cost = np.hypot(moved, growth / (GROWTH[0] + GROWTH[1] * passed)[:, None])
     usable = np.where(cost < 1.0, cost, 10.0)
     pairs = [(k, j) for k, j in zip(*(part.tolist() for part in linear_sum_assignment(usable)), strict=True) if cost[k, j] < 1.0]
     out = []

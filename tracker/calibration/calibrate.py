@@ -8,7 +8,6 @@ What the data do not say is told in lines, `problems`, and the result is then a 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Any
 
@@ -16,12 +15,13 @@ import numpy as np
 
 from tracker.calibration.adjustment import GLOBAL_PRIOR, Adjusted, Prior, adjust
 from tracker.calibration.body import CX, CY, FOCAL, HEIGHT, K1, OFFSET, PITCH, ROLL, YAW, X, Y, angles_of, lens_of, pose_of
-from tracker.calibration.boxes import box_table
+from tracker.calibration.boxes import linked_boxes
 from tracker.calibration.people import observations
-from tracker.calibration.registration import MOST_OFFSET, Cloud, Match, View, agreement, match, paths_of, steps_of, visible
-from tracker.calibration.single_view import LEAST_BOXES, ROLL_SIGMA, SPREAD, USUAL_FOCAL, USUAL_HEIGHT, SingleView, single_view
+from tracker.calibration.registration import CameraBoxes, Cloud, Match, agreement, match, paths_of, steps_of, visible
+from tracker.calibration.result import Calibration, Known
+from tracker.calibration.single_view import LEAST_BOXES, ROLL_SIGMA, USUAL_FOCAL, USUAL_HEIGHT, SingleView, single_view
 from tracker.geometry import Array, Pose
-from tracker.geometry.cameras import Camera, LensCamera, Pinhole
+from tracker.geometry.cameras import LensCamera, Pinhole
 from tracker.recordings import Recording, RecordingCamera
 
 LEAST_SHARE, LEAST_SCORE = 0.25, 12.0
@@ -41,47 +41,6 @@ OTHER_CLOCK = 3.0
 Progress = Callable[..., Iterable[Any]]
 
 
-@dataclass(frozen=True)
-class Known:
-    """What is known beside the boxes. heights: camera → m above the ground. distances: two cameras → m.
-
-    stature: mean of people, m; None where it is not known. principal, k1: whether these are estimated, too. most_offset: s by which clocks differ.
-    """
-
-    heights: Mapping[str, float] = field(default_factory=dict)
-    distances: Mapping[tuple[str, str], float] = field(default_factory=dict)
-    stature: float | None = 1.72
-    principal: bool = False
-    k1: bool = False
-    most_offset: float = MOST_OFFSET
-
-
-@dataclass(frozen=True, eq=False)
-class Calibration:
-    """Cameras with their models and poses, and what is known of them.
-
-    cameras: name → camera. offsets: name → s to add to its times. rows (cameras, 11): parameters as in body.NAMES; covariance (cameras · 11, same).
-    problems: what the data do not say, a line each; the result is a guess where there is one. figures: of the fit. paths: of people, m.
-    """
-
-    cameras: dict[str, RecordingCamera]
-    offsets: dict[str, float]
-    rows: Array
-    covariance: Array
-    problems: tuple[str, ...]
-    figures: dict[str, float]
-    paths: dict[int, tuple[Array, Array]]
-
-    @property
-    def sigma(self) -> dict[str, Array]:
-        """Standard deviations (11,) of each camera's parameters; the place is that in the frame of the result."""
-        return dict(zip(self.cameras, np.sqrt(np.diag(self.covariance)).reshape(-1, 11), strict=True))
-
-    def applied(self, recording: Recording) -> Recording:
-        """The recording with these cameras."""
-        return replace(recording, cameras={**recording.cameras, **self.cameras})
-
-
 def calibrate(recording: Recording, known: Known | None = None, progress: Progress | None = None) -> Calibration:
     """Calibrate the fixed cameras of a recording by its boxes. Cameras with a pose are taken as they are, and define the world.
 
@@ -95,7 +54,7 @@ class _Calibrator:
 
     def __init__(self, recording: Recording, known: Known) -> None:
         self.recording, self.known, self.problems = recording, known, list[str]()
-        self.views: dict[str, View] = {}
+        self.views: dict[str, CameraBoxes] = {}
         self.rows: dict[str, Array] = {}
         fixed = {name: camera for name, camera in recording.fixed.items() if recording.detections.get(name)}
         if not fixed:
@@ -106,15 +65,16 @@ class _Calibrator:
         self.steps = steps_of(self.views.values()) if self.views else 0
 
     def _view(self, name: str, camera: RecordingCamera) -> None:
-        table = box_table(camera.camera, self.recording.detections[name], self.recording.rate)
+        table = linked_boxes(camera.camera, self.recording.detections[name], self.recording.rate)
         row = self._given(name, camera)
         single = single_view(camera.camera, table, "K" not in camera.unknown, self.known.heights.get(name))
         if row is not None:
             single = SingleView(row, np.zeros((11, 11)), 0.0)
         if single is None:
-            self.problems.append(f"{name}: {int(table.whole.sum())} boxes of whole bodies that are not cut or hidden, needs at least {LEAST_BOXES} apart in time")
+            count = int(table.whole.sum())
+            self.problems.append(f"{name}: {count} boxes show whole bodies, needs at least {LEAST_BOXES} that are apart in time")
             return
-        self.views[name] = View(name, camera.camera, table, single)
+        self.views[name] = CameraBoxes(name, camera.camera, table, single)
         if row is not None:
             self.rows[name] = row
 
@@ -148,9 +108,17 @@ class _Calibrator:
                 matches = {pair: [] if name in pair and not set(pair) - {name} - set(self.rows) else ms for pair, ms in matches.items()}
         for name in left:
             self.problems.append(self._why_alone(name, matches))
+        self._order()
         for tight in (1.0, TIGHT):
             adjusted = self._adjust(tight=tight)
         return self._result(adjusted, list(self.rows))
+
+    def _order(self) -> None:
+        """Bring the cameras into the order of the recording, and the first of them to the origin where none has a pose."""
+        names = [name for name in self.views if name in self.rows]
+        first = self.rows[names[0]]
+        origin = np.where(np.isin(np.arange(len(first)), [X, Y, YAW, OFFSET]), 0.0, first)
+        self.rows = {name: self.rows[name] if self.posed else _moved(self.rows[name], first, origin) for name in names}
 
     def _match(self, a: str, b: str) -> list[Match]:
         """Places of b in the frame of a, or of a in that of b where b has a pose."""
@@ -187,11 +155,12 @@ class _Calibrator:
         """Agreement of a camera with the others in the frame, as registration.agreement: best sum and its share."""
         own = self.rows[name] if row is None else row
         cloud = Cloud.of(paths_of(self.views[name], own, self.steps), tight)
-        total, shares = 0.0, []
+        total, shares = 0.0, list[tuple[float, float]]()
         for other, its in self.rows.items():
             if other == name:
                 continue
-            score, share = agreement(Cloud.of(paths_of(self.views[other], its, self.steps), tight), cloud, visible(self.views[other], its, cloud.point), cloud.point, 0)
+            there = Cloud.of(paths_of(self.views[other], its, self.steps), tight)
+            score, share = agreement(there, cloud, visible(self.views[other], its, cloud.point), cloud.point, 0)
             total, shares = total + max(score, 0.0), [*shares, (score, share)]
         best = max(shares, default=(0.0, 0.0))
         return total, best[1]
@@ -241,13 +210,12 @@ class _Calibrator:
         best = max((one.share for pair, found in matches.items() if name in pair for one in found[:1]), default=None)
         if best is None:
             return f"{name}: nobody walks 1 m or more in sight of it and of another camera, which its place needs"
-        return f"{name}: sees too little of what other cameras see ({max(best, 0.0):.0%} of the people agree, needs {LEAST_SHARE:.0%}), so its place is not known"
+        agree = f"{max(best, 0.0):.0%} of the people agree, needs {LEAST_SHARE:.0%}"
+        return f"{name}: sees too little of what other cameras see ({agree}), so its place is not known"
 
     def _result(self, adjusted: Adjusted | None, names: list[str]) -> Calibration:
         rows = np.array([self.rows[name] for name in names]).reshape(-1, 11)
         covariance = np.full((rows.size, rows.size), np.nan) if adjusted is None else adjusted.covariance
-        figures = {} if adjusted is None else {"boxes": float(len(adjusted.weight)), "people": float(len(adjusted.stature)), "inliers": float((adjusted.weight > 0.3).mean()),
-                   "stature": float(np.mean(adjusted.stature)), "foot": float(adjusted.body[0]), "head": float(adjusted.body[1])}  # fmt: skip
         cameras, offsets = {}, {}
         for name, row in zip(names, rows, strict=True):
             given = self.recording.cameras[name]
@@ -258,7 +226,8 @@ class _Calibrator:
             offsets[name] = float(row[OFFSET])
         paths = {} if adjusted is None else adjusted.paths
         self._doubt(adjusted, names)
-        return Calibration(cameras, offsets, rows, covariance, tuple(self.problems), figures, paths)
+        figures = {} if adjusted is None else adjusted.figures()
+        return Calibration(cameras, offsets, rows, covariance, tuple(self.problems), figures, paths, moved_frame=not self.posed)
 
     def _doubt(self, adjusted: Adjusted | None, names: list[str]) -> None:
         """Lines on what the adjustment leaves open."""
@@ -271,12 +240,14 @@ class _Calibrator:
         places = np.concatenate([place for _, place in adjusted.paths.values()])
         spread = np.sqrt(np.linalg.eigvalsh(np.cov(places.T)))
         if spread[0] < LINE * spread[1]:
-            self.problems.append(f"all people walk on one line ({spread[0]:.1f} m broad, {spread[1]:.1f} m long), which leaves the cameras' turns about it open")
+            size = f"{spread[0]:.1f} m broad, {spread[1]:.1f} m long"
+            self.problems.append(f"all people walk on one line ({size}), which leaves the turns of cameras about it open")
         sigma = np.sqrt(np.abs(np.diag(adjusted.covariance))).reshape(-1, 11)
         for k, name in enumerate(names):
             distance = float(np.median(np.hypot(*(places - adjusted.rows[k, [X, Y]]).T)))
             if sigma[k, FOCAL] > MOST_SIGMA[FOCAL]:
-                self.problems.append(f"{name}: focal length is known to {sigma[k, FOCAL]:.0%} only, as it cannot be told from pitch and height: people are at like distances")
+                known = f"{name}: its focal length is known to {sigma[k, FOCAL]:.0%} only"
+                self.problems.append(f"{known}: people at like distances do not tell it from pitch and height")
             elif (sigma[k, [PITCH, ROLL, YAW]] > [MOST_SIGMA[p] for p in (PITCH, ROLL, YAW)]).any():
                 self.problems.append(f"{name}: its angles are known to {np.degrees(sigma[k, [PITCH, ROLL, YAW]].max()):.1f}° only")
             elif np.hypot(*sigma[k, [X, Y]]) > MOST_PLACE * distance:
@@ -296,5 +267,3 @@ def _moved(row: Array, beside: Array, world: Array) -> Array:
     out[YAW], out[OFFSET] = row[YAW] + turn, row[OFFSET] + world[OFFSET] - beside[OFFSET]
     return out
 
-
-__all__ = ["SPREAD", "Calibration", "Camera", "Known", "calibrate"]

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
-from tracker.calibration.body import OFFSET
-from tracker.calibration.registration import ERROR, FAR_ERROR, STEP, Paths, View, paths_of
+from tracker.calibration.boxes import LinkedBoxes
+from tracker.calibration.registration import ERROR, FAR_ERROR, CameraBoxes, Paths, paths_of
 from tracker.calibration.single_view import thinned
-from tracker.geometry import Array, Ints
+from tracker.geometry import Array, Ints, Mask
 
 LEAST_STEPS = 3
 """Common steps of two tracklets that are joined."""
@@ -31,7 +32,7 @@ EDGE, EDGE_PIXELS = 0.04, 1.5
 class Observations:
     """n boxes of people: view (n,), person (n,) from 0, time (n,) s by the camera's clock, box (n, 3): middle, top and bottom px, sigma (n, 3) px.
 
-    alone (people,): whether one camera only has seen somebody.
+    track (n,): tracklet of the view. alone (people,): whether one camera only has seen somebody.
     """
 
     view: Ints
@@ -40,46 +41,48 @@ class Observations:
     box: Array
     sigma: Array
     track: Ints
-    alone: Array
+    alone: Mask
+
+    def of_people(self, kept: Mask) -> Observations:
+        """The boxes of some of the people (people,), who are counted anew."""
+        rows, number = kept[self.person], np.cumsum(kept) - 1
+        columns = (getattr(self, name)[rows] for name in ("view", "person", "time", "box", "sigma", "track"))
+        view, person, *rest = columns
+        return Observations(view, number[person], *rest, self.alone[kept])
 
 
-def observations(views: Mapping[str, View], rows: Mapping[str, Array], steps: int, tight: float = 1.0, most: int = MOST) -> Observations:
+def observations(views: Mapping[str, CameraBoxes], rows: Mapping[str, Array], steps: int, tight: float = 1.0, most: int = MOST) -> Observations:
     """The boxes of people under parameters `rows`. tight: factor of the errors of places within which tracklets are joined."""
-    names = list(rows)
-    paths = [paths_of(views[name], rows[name], steps) for name in names]
+    paths = [paths_of(views[name], rows[name], steps) for name in rows]
     person = _joined(paths, tight)
-    parts, alone_at = [], 0
-    seen: dict[int, set[int]] = {}
-    for k, of_view in enumerate(person):
-        for one in of_view.tolist():
-            seen.setdefault(one, set()).add(k)
-    for k, name in enumerate(names):
+    cameras = Counter(one for of_view in person for one in set(of_view.tolist()))
+    parts = []
+    for k, name in enumerate(rows):
         t = views[name].table
         of_track = np.full(int(t.track.max(initial=0)) + 1, -1, dtype=np.int64)
         of_track[paths[k].track] = person[k]
         used = thinned(t, SPACING)
         who = of_track[t.track[used]]
-        length = np.bincount(t.track, minlength=len(of_track)) * 0.0
-        np.maximum.at(length, t.track, t.time)
-        first = np.full(len(of_track), np.inf)
-        np.minimum.at(first, t.track, t.time)
-        shared = np.array([len(seen.get(one, ())) > 1 for one in who.tolist()], dtype=bool)
-        keep = (who >= 0) & (shared | ((length - first)[t.track[used]] >= ALONE))
-        parts.append((k, used[keep], who[keep], shared[keep]))
-        alone_at += int(keep.sum())
-    stride = 1 + alone_at // most
-    view = np.concatenate([np.full(len(rows_[::stride]), k) for k, rows_, _, _ in parts])
-    at = [rows_[::stride] for _, rows_, _, _ in parts]
-    who = np.concatenate([one[::stride] for _, _, one, _ in parts])
-    numbers, compact = np.unique(who, return_inverse=True)
-    tables = [views[name].table for name in names]
-    box = np.concatenate([np.column_stack([t.middle[r], t.top[r], t.bottom[r]]) for t, r in zip(tables, at, strict=True)])
-    high = box[:, 2] - box[:, 1]
-    sigma = np.hypot(EDGE * high, EDGE_PIXELS)[:, None] * np.ones(3)
-    time = np.concatenate([t.time[r] for t, r in zip(tables, at, strict=True)])
-    track = np.concatenate([t.track[r] for t, r in zip(tables, at, strict=True)])
-    alone = np.array([len(seen[int(one)]) < 2 for one in numbers], dtype=bool)
-    return Observations(view.astype(np.int64), compact.astype(np.int64), time, box, sigma, track, alone)
+        shared = np.array([cameras[one] > 1 for one in who.tolist()], dtype=bool)
+        keep = (who >= 0) & (shared | (_durations(t)[t.track[used]] >= ALONE))
+        parts.append((k, t.select(used[keep]), who[keep]))
+    stride = 1 + sum(len(who) for _, _, who in parts) // most
+    parts = [(k, t.select(np.arange(0, len(who), stride)), who[::stride]) for k, t, who in parts]
+    view = np.concatenate([np.full(len(who), k, dtype=np.int64) for k, _, who in parts])
+    numbers, compact = np.unique(np.concatenate([who for _, _, who in parts]), return_inverse=True)
+    box = np.concatenate([np.column_stack([t.middle, t.top, t.bottom]) for _, t, _ in parts])
+    sigma = np.hypot(EDGE * (box[:, 2] - box[:, 1]), EDGE_PIXELS)[:, None] * np.ones(3)
+    time, track = (np.concatenate([getattr(t, name) for _, t, _ in parts]) for name in ("time", "track"))
+    alone = np.array([cameras[one] < 2 for one in numbers.tolist()], dtype=bool)
+    return Observations(view, compact.astype(np.int64), time, box, sigma, track, alone)
+
+
+def _durations(table: LinkedBoxes) -> Array:
+    """s from the first to the last box of each tracklet."""
+    first, last = np.full(int(table.track.max(initial=0)) + 1, np.inf), np.zeros(int(table.track.max(initial=0)) + 1)
+    np.minimum.at(first, table.track, table.time)
+    np.maximum.at(last, table.track, table.time)
+    return np.asarray(last - first)
 
 
 def _joined(paths: list[Paths], tight: float) -> list[Ints]:
@@ -90,7 +93,7 @@ def _joined(paths: list[Paths], tight: float) -> list[Ints]:
     for a, b in combinations(range(len(paths)), 2):
         pairs += _near(paths[a], paths[b], tight, (int(first[a]), int(first[b])))
     parent = np.arange(first[-1])
-    here: dict[int, dict[int, Array]] = {k: {int(of_view[k]): paths[of_view[k]].here[k - first[of_view[k]]] > 0} for k in range(int(first[-1]))}
+    here: dict[int, dict[int, Mask]] = {k: {int(of_view[k]): paths[of_view[k]].here[k - first[of_view[k]]] > 0} for k in range(int(first[-1]))}
 
     def root(k: int) -> int:
         while parent[k] != k:
@@ -115,7 +118,8 @@ def _near(a: Paths, b: Paths, tight: float, first: tuple[int, int]) -> list[tupl
     n = a.here @ b.here.T
     safe = np.maximum(n, 1.0)
     square = (np.abs(a.z) ** 2) @ b.here.T + a.here @ (np.abs(b.z) ** 2).T - 2 * (a.z @ np.conj(b.z).T).real
-    error = (ERROR + FAR_ERROR * (a.range * a.here) @ b.here.T / safe) ** 2 + (ERROR + FAR_ERROR * a.here @ (b.range * b.here).T / safe) ** 2
+    away = (a.range * a.here) @ b.here.T / safe, a.here @ (b.range * b.here).T / safe
+    error = (ERROR + FAR_ERROR * away[0]) ** 2 + (ERROR + FAR_ERROR * away[1]) ** 2
     distance = np.sqrt(np.maximum(square, 0.0) / safe / error) / tight
     rows, columns = np.nonzero((n >= LEAST_STEPS) & (distance < NEAR))
     cost = distance[rows, columns] - LONGER * np.log(n[rows, columns])

@@ -12,15 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tracker.calibration.body import FOCAL, HEIGHT, OFFSET, PITCH, ROLL, X, Y, YAW, boxes_of, ground_places
-from tracker.calibration.boxes import BoxTable
+from tracker.calibration.body import FOCAL, OFFSET, YAW, X, Y, boxes_of, ground_places
+from tracker.calibration.boxes import LinkedBoxes
+from tracker.calibration.result import MOST_OFFSET
 from tracker.calibration.single_view import STATURE, SingleView
 from tracker.geometry import Array, Ints
 from tracker.geometry.cameras import Camera
 
-MOST_OFFSET = 5.0
-"""s: clocks differ by at most so much."""
 EARLIER = 2 * MOST_OFFSET
+"""s before time 0 at which paths begin, as clocks may be late."""
 STEP = 0.3
 """s between two places of a path."""
 LEAST_TIME, LEAST_WAY = 1.5, 1.0
@@ -37,22 +37,21 @@ FARTHEST = 60.0
 """m: places beyond are not used."""
 LEAST_STEPS = 4
 FOOT = 0.15
-OWN = [FOCAL, PITCH, ROLL, HEIGHT]
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class CameraBoxes:
     """A camera with its boxes and what it says by itself."""
 
     name: str
     camera: Camera
-    table: BoxTable
+    table: LinkedBoxes
     single: SingleView
 
     def places(self, row: Array, rows: Ints | slice = slice(None)) -> Array:
         """Places (n, 2) m of boxes under parameters `row`."""
         t = self.table
-        return ground_places(self.camera, row, t.middle[rows], t.top[rows], t.bottom[rows], FOOT)
+        return ground_places(self.camera, row, np.column_stack([t.middle, t.top, t.bottom])[rows], FOOT)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,12 +77,12 @@ class Match:
     second: float = 0.0
 
 
-def steps_of(views: Iterable[View]) -> int:
+def steps_of(views: Iterable[CameraBoxes]) -> int:
     """Steps from EARLIER s before time 0 to as long after the last box."""
     return int((max(view.table.time.max(initial=0.0) for view in views) + 2 * EARLIER) / STEP) + 2
 
 
-def paths_of(view: View, row: Array, steps: int) -> Paths:
+def paths_of(view: CameraBoxes, row: Array, steps: int) -> Paths:
     """The tracklets of a camera under its parameters `row`, every STEP s from EARLIER s before time 0."""
     place, t = view.places(row), view.table
     own = place - row[[X, Y]]
@@ -105,7 +104,10 @@ def paths_of(view: View, row: Array, steps: int) -> Paths:
         one[at] = np.interp(at * STEP, time, smooth[:, 0]) + 1j * np.interp(at * STEP, time, smooth[:, 1])
         far[at] = np.abs(one[at] - complex(*row[[X, Y]]))
         mask[at] = 1.0
-        z.append(one), here.append(mask), away.append(far), track.append(int(t.track[rows[0]]))
+        z.append(one)
+        here.append(mask)
+        away.append(far)
+        track.append(int(t.track[rows[0]]))
     if not z:
         return Paths(np.zeros((0, steps), dtype=np.complex128), np.zeros((0, steps)), np.zeros((0, steps)), np.zeros(0, dtype=np.int64))
     return Paths(np.array(z), np.array(here), np.array(away), np.array(track))
@@ -157,7 +159,7 @@ def _way(paths: Paths) -> Array:
     """Extent (n,) m of each tracklet."""
     masked = np.where(paths.here > 0, paths.z, np.nan)
     with np.errstate(invalid="ignore"):
-        return np.asarray(np.hypot(np.nanmax(masked.real, axis=1) - np.nanmin(masked.real, axis=1), np.nanmax(masked.imag, axis=1) - np.nanmin(masked.imag, axis=1)))
+        return np.asarray(np.hypot(*(np.nanmax(part, axis=1) - np.nanmin(part, axis=1) for part in (masked.real, masked.imag))))
 
 
 def _moved(values: Array, steps: int) -> Array:
@@ -189,7 +191,7 @@ class Cloud:
         tree = cKDTree(np.column_stack([point, APART * step]))
         return Cloud(point, step, tight * (ERROR + FAR_ERROR * paths.range[track, step]), tree, paths.here.shape[1])
 
-    def nearest(self, point: Array, step: Array, most: float = 5.0) -> tuple[Array, Ints]:
+    def nearest(self, point: Array, step: Ints, most: float = 5.0) -> tuple[Array, Ints]:
         """Distance (n,) and row (n,) of the nearest place of the same step."""
         distance, row = self.tree.query(np.column_stack([point, APART * step]), distance_upper_bound=most)
         return distance, row
@@ -201,7 +203,7 @@ def agreement(a: Cloud, b: Cloud, in_view: Array, moved: Array, steps: int) -> t
     if len(rows) < 20 or not len(a.point):
         return 0.0, 0.0
 
-    def kernel(step: Array) -> Array:
+    def kernel(step: Ints) -> Array:
         distance, row = a.nearest(moved[rows], step)
         found = np.isfinite(distance)
         error = np.hypot(b.error[rows], a.error[np.where(found, row, 0)])
@@ -213,16 +215,16 @@ def agreement(a: Cloud, b: Cloud, in_view: Array, moved: Array, steps: int) -> t
     return gain, gain / max(float((1 - chance).sum()), 1.0)
 
 
-def visible(view: View, row: Array, point: Array) -> Array:
+def visible(view: CameraBoxes, row: Array, point: Array) -> Array:
     """Which people at places (n, 2) m are wholly in the image of a camera, not too far from it for its boxes."""
-    box = boxes_of(view.camera, row, point, np.full(len(point), STATURE), (0.15, 0.15))
+    box = boxes_of(view.camera, row, point, np.full(len(point), STATURE), np.array([FOOT, FOOT]))
     t = view.table
     with np.errstate(invalid="ignore"):
         inside = (box[:, 0] > 0) & (box[:, 0] < view.camera.width) & (box[:, 1] > 0) & (box[:, 2] < view.camera.height)
         return np.asarray(inside & (box[:, 2] - box[:, 1] > np.quantile(t.height[t.whole], 0.03)))
 
 
-def match(a: View, b: View, row: Array, steps: int, most: float = MOST_OFFSET) -> list[Match]:
+def match(a: CameraBoxes, b: CameraBoxes, row: Array, steps: int, most: float = MOST_OFFSET) -> list[Match]:
     """The likeliest ways in which camera b stands in the frame of camera a, whose parameters are `row`; the best first."""
     found = []
     for row_a, row_b in _focal_guesses(a, b, row):
@@ -246,7 +248,7 @@ def _placed(row: Array, guess: Guess) -> Array:
     return out
 
 
-def _focal_guesses(a: View, b: View, row: Array) -> list[tuple[Array, Array]]:
+def _focal_guesses(a: CameraBoxes, b: CameraBoxes, row: Array) -> list[tuple[Array, Array]]:
     """Pairs of parameters of both cameras: as they are likeliest, and with common focal lengths where these are not known."""
     zero = b.single.row.copy()
     out = [(row, zero)]

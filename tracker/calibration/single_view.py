@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from tracker.calibration.body import FOCAL, HEIGHT, PITCH, ROLL, lean_of, lens_of, rotation_of
-from tracker.calibration.boxes import BoxTable
+from tracker.calibration.boxes import LinkedBoxes
 from tracker.geometry import Array, Ints, Mask
 from tracker.geometry.cameras import Camera, LensCamera
 
@@ -27,7 +27,7 @@ USUAL_HEIGHT = (3.5, 0.8)
 ROLL_SIGMA = np.radians(4.0)
 PITCHES = np.radians(np.arange(-9.0, 70.0, 4.0))
 DEPTH = 0.4
-"""m between the point where the lower edge of a box meets the ground and that where the upper edge touches the body, along the line of sight."""
+"""m along the line of sight from where the lower edge of a box meets the ground to where the upper edge touches the body."""
 EDGE = (0.045, 3.0)
 """Error of a box's height: a share of it, and px."""
 SPACING, MOST = 0.4, 600
@@ -69,19 +69,19 @@ class _Sample:
     """Boxes of a camera that are used: table, the persons' numbers (n,), and errors (n,) px of the upper edge."""
 
     camera: Camera
-    table: BoxTable
+    table: LinkedBoxes
     person: Ints
     error: Array
 
 
-def thinned(table: BoxTable, spacing: float) -> Ints:
+def thinned(table: LinkedBoxes, spacing: float) -> Ints:
     """Rows of the whole boxes, of each tracklet one within each `spacing` s."""
     rows = np.flatnonzero(table.whole)
     key = table.track[rows] * (1 + int(table.time.max(initial=0.0) / spacing)) + (table.time[rows] / spacing).astype(np.int64)
     return np.sort(rows[np.unique(key, return_index=True)[1]])
 
 
-def single_view(camera: Camera, table: BoxTable, known_focal: bool, height: float | None = None) -> SingleView | None:
+def single_view(camera: Camera, table: LinkedBoxes, known_focal: bool, height: float | None = None) -> SingleView | None:
     """The camera with the greatest posterior density; None with fewer than LEAST_BOXES boxes. height: m above the ground, where it is known."""
     rows = thinned(table, SPACING)
     rows = rows[:: 1 + len(rows) // MOST]
@@ -133,10 +133,12 @@ def _starts(sample: _Sample, fixed: bool) -> list[Array]:
 
 
 def _tops(sample: _Sample, row: Array) -> tuple[Array, Array, Mask]:
-    """Row (n,) px of the head of a person of mean stature on the feet of each box, px (n,) by which it is higher for a stature e times as large,
-    and whether the feet are below the horizon."""
+    """Upper edge (n,) px of a person of mean stature on the feet of each box, and its derivative (n,) px by the logarithm of the stature.
+
+    The third is whether these are below the horizon.
+    """
     camera, t = lens_of(sample.camera, row), sample.table
-    R, high = rotation_of(*row[[PITCH, ROLL]].tolist(), 0.0), float(np.exp(row[HEIGHT]))
+    R, high = rotation_of(float(row[PITCH]), float(row[ROLL])), float(np.exp(row[HEIGHT]))
     lean = lean_of(camera, R, t.middle, t.top, t.bottom)
     foot = camera.bearings_from_pixels(np.column_stack([t.middle + lean, t.bottom])) @ R.T
     level = np.maximum(np.hypot(foot[:, 0], foot[:, 1]), 1e-9)

@@ -68,8 +68,10 @@ def open_recording(path: Path, options: SourceOptions | None = None, strict: boo
     return _with_options(path, recording, options)
 
 
-def open_sequence(path: Path, options: SourceOptions | None = None, checked: bool = False) -> Sequence:
+def open_sequence(path: Path, options: SourceOptions | None = None, checked: bool = False, calibrated: bool = True) -> Sequence:
     """Open a folder of any format as the tracker takes it. checked: whether a line tells where `pilsim check` finds that boxes fit nothing.
+
+    calibrated: whether all cameras need poses; finding people in images needs none.
 
     Raises ValueError as open_recording, and for UTIAS sets, which have no cameras.
     """
@@ -83,10 +85,10 @@ def open_sequence(path: Path, options: SourceOptions | None = None, checked: boo
     recording = open_recording(path, options)
     if options.pixels:
         recording = _of_images(path, recording)
-    elif checked:
+    elif checked and not any(camera.unknown for camera in recording.cameras.values()):
         say_suspicion(path, recording)
     try:
-        return recording.sequence(options.images)
+        return recording.sequence(options.images, calibrated)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 

@@ -40,7 +40,7 @@ def shipped_model() -> Path:
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration:
+class ScoreCalibration:
     """What a model says of its own scores.
 
     logit, probability (n,): corners of a monotone map of logits to the probability that a box is a person at an IoU of 0.5.
@@ -63,14 +63,14 @@ class Calibration:
                 raise ValueError(f"{name} is {value:g}, needs 0 to 1")
 
     @staticmethod
-    def parse(text: str) -> Calibration:
+    def parse(text: str) -> ScoreCalibration:
         """From the JSON of a model's metadata. Raises ValueError for another content."""
         try:
             content = json.loads(text)
             if content["version"] != VERSION:
                 raise ValueError(f"version is {str(content['version'])[:40]}, needs {VERSION}")
             corners = np.array(content["calibration"], dtype=np.float64).reshape(-1, 2)
-            return Calibration(corners[:, 0], corners[:, 1], float(content["min_score"]), float(content["nms_iou"]))
+            return ScoreCalibration(corners[:, 0], corners[:, 1], float(content["min_score"]), float(content["nms_iou"]))
         except (KeyError, TypeError, RecursionError, json.JSONDecodeError) as error:
             raise ValueError(f"{type(error).__name__} at {' '.join(str(error).split())[:80]}") from None
 
@@ -124,7 +124,7 @@ class PersonNetwork:
         if text is None:
             raise ValueError(f"has no metadata {KEY!r} with the calibration of its scores")
         try:
-            self.calibration = Calibration.parse(text)
+            self.calibration = ScoreCalibration.parse(text)
         except ValueError as error:
             raise ValueError(f"metadata {KEY!r}: {error}") from None
         for shape in ((MULTIPLE, MULTIPLE), (MULTIPLE, 2 * MULTIPLE)):

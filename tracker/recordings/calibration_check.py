@@ -143,7 +143,8 @@ LEGEND = (
 
 
 def check_calibration(recording: Recording) -> CalibrationReport:
-    """Check the fixed cameras of a recording, which may be one that check_heights refuses."""
+    """Check the fixed cameras of a recording, which may be one that check_heights refuses. Raises ValueError for a camera without a pose."""
+    recording.check_calibrated()
     case = CalibrationCase.of(recording)
     moving = tuple(name for name in recording.cameras if name not in case.lenses)
     checks = tuple(_camera_check(case, name, camera) for name, camera in recording.fixed.items())

@@ -7,6 +7,7 @@
     {"model": "tsai", ... "focal", "kappa1", "cx", "cy", "sx", "dpx", "dpy"}             as PETS 2009 has them: mm, 1/mm², px
 
 x_camera = R x_world + t with optical axes: x right, y down, z ahead, as OpenCV has them. A panorama looks ahead in its middle.
+A camera whose pose is not known has neither R nor t, and one of which nothing is known has width and height alone; `pilsim calibrate` finds them.
 A camera on a robot has "robot": NAME, and x_camera = R x_robot + t with the robot's axes x ahead, y left, z up. A lens may lack "distortion".
 """
 
@@ -69,6 +70,8 @@ def camera_from(entry: Any, where: str) -> RecordingCamera:
     """The camera of an entry. Raises ValueError in one line that begins with `where`, for instance "recording.json: cameras.C1"."""
     if not isinstance(entry, Mapping):
         raise ValueError(f"{where} is {_short(entry)}, needs an object with model, width, height, R and t")
+    if "R" not in entry and "t" not in entry and "robot" not in entry:
+        return _uncalibrated(entry, where)
     model = _model(entry, where)
     _check_keys(entry, model, where)
     robot = entry.get("robot")
@@ -79,6 +82,22 @@ def camera_from(entry: Any, where: str) -> RecordingCamera:
     return RecordingCamera.of_opencv(camera, rotation, translation, robot)
 
 
+def _uncalibrated(entry: Mapping[str, Any], where: str) -> RecordingCamera:
+    """A camera without a pose; a model that is named without "K", where it has one, is known by the size of the image alone."""
+    model = _model(entry, where) if "model" in entry else "pinhole"
+    if model in DISTORTION and "K" not in entry:
+        if model != "pinhole":
+            raise ValueError(f"{where}.K is missing, a {model} without R and t needs its K: people do not tell it")
+        _check_keys({"K": None, "R": None, "t": None, **entry}, model, where)
+        if "distortion" in entry:
+            raise ValueError(f"{where}.distortion belongs to K, which is missing")
+        width, height = (_size(entry[name], f"{where}.{name}") for name in ("width", "height"))
+        return RecordingCamera.uncalibrated(width, height)
+    _check_keys({"R": None, "t": None, **entry}, model, where)
+    camera = _camera(entry, model, where)
+    return RecordingCamera.uncalibrated(camera.width, camera.height, camera)
+
+
 def _row(t: Any) -> Any:
     """A translation as a row; OpenCV has it as a column, [[x], [y], [z]]."""
     column = isinstance(t, list) and len(t) == 3 and all(isinstance(one, list) and len(one) == 1 for one in t)
@@ -87,6 +106,10 @@ def _row(t: Any) -> Any:
 
 def camera_to(camera: RecordingCamera) -> dict[str, Any]:
     """The entry of a camera, JSON values only; camera_from reads the same camera. Raises ValueError for a camera of another class."""
+    if "K" in camera.unknown:
+        return {"width": camera.camera.width, "height": camera.camera.height}
+    if "pose" in camera.unknown:
+        return _entry(camera.camera)
     rotation, translation = camera.opencv_extrinsics
     entry = _entry(camera.camera) | {"R": rotation.tolist(), "t": translation.tolist()}
     return entry if camera.robot is None else entry | {"robot": camera.robot}

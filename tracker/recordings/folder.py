@@ -237,7 +237,7 @@ def _with_truth(path: Path, recording: Recording, strict: bool) -> Recording:
     if not rows.has_position.all():
         where = place_of_row(file, int(np.argmin(rows.has_position)))
         raise ValueError(f"{where}: has no x, y, z, needs the place on the ground in metres")
-    if strict:
+    if strict and not any(camera.unknown for camera in recording.cameras.values()):
         _check_truth(file, rows, recording)
     last = int(rows.frame.max()) if len(rows) else 0
     if last > MAX_FRAMES:

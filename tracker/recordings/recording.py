@@ -166,6 +166,8 @@ class Recording:
     def check_heights(self) -> None:
         """Raises ValueError for a fixed camera that is not above the ground. `pilsim check` opens such a recording and says why."""
         for name, camera in self.fixed.items():
+            if "pose" in camera.unknown:
+                continue
             x, y, z = camera.pose.translation
             ground = float(self.ground.height_at(camera.pose.translation[None])[0])
             if not z > ground:
@@ -173,6 +175,11 @@ class Recording:
                     f"cameras.{name}.t puts the camera at ({x:.2f}, {y:.2f}, {z:.2f}) m, {ground - z:.2f} m below the ground, needs a place above it;"
                     " x_camera = R x_world + t in metres; `pilsim check` tells what is wrong"
                 )
+
+    def check_calibrated(self) -> None:
+        """Raises ValueError where the pose of a camera is not known."""
+        if unknown := [name for name, camera in self.cameras.items() if camera.unknown]:
+            raise ValueError(f"cameras {', '.join(unknown)} have no R and t; `pilsim calibrate` finds them by the people who walk before them")
 
     def _last_frame(self) -> int:
         """The last frame that has boxes, an image file, truth or odometry; −1 without any."""
@@ -250,8 +257,13 @@ class Recording:
             robots=robots,
         )
 
-    def setup(self) -> Setup:
-        """The constant inputs of the tracker. A fixed camera is a robot of its name that never moves. Raises ValueError as check_heights."""
+    def setup(self, calibrated: bool = True) -> Setup:
+        """The constant inputs of the tracker. A fixed camera is a robot of its name that never moves. Raises ValueError as check_heights.
+
+        calibrated: whether all poses are needed, and ValueError is raised without one; finding people in images needs none.
+        """
+        if calibrated:
+            self.check_calibrated()
         self.check_heights()
         mounts, starts = {}, dict[str, Start | None]()
         for name, camera in self.cameras.items():
@@ -264,13 +276,13 @@ class Recording:
         area = None if self.area is None else np.asarray(self.area)
         return Setup(mounts, self.ground, starts, 1 / self.rate, area=area, height=self.height, occluders=self.occluders, pillars=self.pillars)
 
-    def sequence(self, images: bool = False) -> Sequence:
+    def sequence(self, images: bool = False, calibrated: bool = True) -> Sequence:
         """The recording as the tracker takes it.
 
         images: with the images of all cameras that have some. Cameras on robots always have theirs, as SLAM needs them.
-        Raises ValueError where images are asked for and there are none.
+        calibrated: as in setup. Raises ValueError where images are asked for and there are none.
         """
-        setup = self.setup()
+        setup = self.setup(calibrated)
         ticks: Ticks = TicksInMemory(tuple(self._tick(index) for index in range(self.frames)), setup.mounts)
         wanted = {name: source for name, source in self.images.items() if images or self.cameras[name].robot is not None}
         if images and not wanted:

@@ -1,0 +1,165 @@
+"""The command `pilsim calibrate`: calibrate cameras by the people who walk before them."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+from tyro.conf import OmitArgPrefixes, Positional, arg
+
+from sim.cli.options import Out, json_text, unset
+from sim.cli.track import SourceChoice
+from tracker.options import Ending
+
+if TYPE_CHECKING:
+    from tracker.calibration import Calibration, Known
+    from tracker.recordings import Recording
+
+UNKNOWN = 3
+"""The exit code where data do not say enough, and a guess was written."""
+
+
+@dataclass(frozen=True)
+class Calibrate:
+    """Calibrate cameras by the people who walk before them.
+
+    SOURCE is a recording of fixed cameras with boxes of people, on flat ground. A camera
+    of which nothing is known has its width and height alone in recording.json. The
+    command finds its focal length, pitch, roll, height and place, and the offset of
+    its clock. Cameras that have R and t keep them, and define the world. Without one,
+    the first camera is at x = y = 0 and looks along x.
+
+    It needs people who walk about: feet and heads tell each camera, paths that two
+    cameras see tell how they stand to each other. Scale comes from the stature of
+    people (1.72 m in the mean), from --height or from --distance.
+
+    The result is a recording with calibrated.json: parameters, deviations, covariance.
+    Where the data do not say enough, a line tells what, the exit code is 3, and the
+    best guess is in DIR.guess.
+
+    Examples: pilsim calibrate my-cameras --out runs/calibrated
+              pilsim calibrate my-cameras --height C1=2.85 --out runs/calibrated
+              pilsim calibrate WILDTRACK --from nothing --frames 0:200 --out runs/w
+              pilsim calibrate my-cameras --from current --out runs/refined
+    """
+
+    source: Annotated[Positional[Path], arg(metavar="SOURCE")]
+    """The recording."""
+    out: Out
+    """Folder of the new recording; it must not exist yet."""
+    begin: Annotated[Literal["given", "nothing", "intrinsics", "current"], arg(name="from")] = "given"
+    """What of the cameras is believed: what is given, only sizes of images, only K, or all, to find what has moved."""
+    height: tyro.conf.UseAppendAction[Annotated[tuple[str, ...], arg(metavar="NAME=M", help_behavior_hint="(default: none; repeatable)")]] = ()
+    """Height of a camera above the ground, m."""
+    distance: tyro.conf.UseAppendAction[Annotated[tuple[str, ...], arg(metavar="NAME,NAME=M", help_behavior_hint="(default: none; repeatable)")]] = ()
+    """Distance of two cameras, m."""
+    stature: Annotated[str, arg(metavar="M|none")] = "1.72"
+    """Mean stature of the people, m; none where it is not known."""
+    principal: bool = False
+    """Estimate the principal point, too."""
+    k1: bool = False
+    """Estimate the radial distortion k1, too."""
+    picture: Annotated[Path | None, Ending(".png"), unset("FILE.png", "none")] = None
+    """Draw the plan and the view of each camera with the ground grid, as `check` does."""
+    choice: OmitArgPrefixes[SourceChoice] = SourceChoice()
+    json: bool = False
+    """Print JSON alone."""
+
+    def run(self) -> None:
+        from tracker.calibration import calibrate
+        from tracker.formats.opening import open_recording
+        from tracker.io.progress import progress_bar
+
+        known = self._known()
+        for path in (self.out, self._guess):
+            if path.exists():
+                raise ValueError(f"{path}: is there already, choose another folder")
+        recording = open_recording(self.source, self.choice.options(images=False), strict=False)
+        try:
+            found = calibrate(
+                self._believed(recording), known, lambda items, total: progress_bar(items, desc="pairs", total=total, leave=False, disable=self.json)
+            )
+        except ValueError as error:
+            raise ValueError(f"{self.source}: {error}") from None
+        self._write(recording, found)
+        if found.problems:
+            for line in found.problems:
+                print(f"not known: {line}", file=sys.stderr)
+            sys.exit(UNKNOWN)
+
+    @property
+    def _guess(self) -> Path:
+        return self.out.with_name(self.out.name + ".guess")
+
+    def _known(self) -> Known:
+        """What the options tell. Raises ValueError for an invalid one."""
+        from tracker.calibration import Known
+
+        heights = {name: m for text in self.height for name, m in [_length("--height", text)]}
+        distances = {}
+        for text in self.distance:
+            names, m = _length("--distance", text)
+            first, comma, second = names.partition(",")
+            if not comma or not first or not second:
+                raise ValueError(f"--distance is {text!r}, needs two names, as in C1,C2=4.2")
+            distances[first, second] = m
+        stature = None if self.stature == "none" else _length("--stature", f"people={self.stature}")[1]
+        return Known(heights, distances, stature, self.principal, self.k1)
+
+    def _believed(self, recording: Recording) -> Recording:
+        """The recording with what of its cameras is believed. Raises ValueError where nothing is left to find."""
+        from tracker.recordings import RecordingCamera
+
+        named = [*(text.partition("=")[0] for text in self.height), *(name for text in self.distance for name in text.partition("=")[0].split(","))]
+        if unknown := [name for name in named if name not in recording.fixed]:
+            raise ValueError(f"{self.source}: camera is {unknown[0]!r}, needs one of {', '.join(recording.fixed)}")
+        if self.begin == "given" and not any(camera.unknown for camera in recording.fixed.values()):
+            raise ValueError(f"{self.source}: all cameras have R and t; --from current finds what of them has moved, --from nothing forgets them")
+        if self.begin not in ("nothing", "intrinsics"):
+            return recording
+        cameras = {
+            name: camera
+            if camera.robot is not None
+            else RecordingCamera.uncalibrated(
+                camera.camera.width, camera.camera.height, camera.camera if self.begin == "intrinsics" or camera.camera.wraps else None
+            )
+            for name, camera in recording.cameras.items()
+        }
+        return replace(recording, cameras=cameras)
+
+    def _write(self, recording: Recording, found: Calibration) -> None:
+        from tracker.io.atomic import new_folder, write_text
+        from tracker.recordings.folder import write_recording
+
+        whole = found.applied(recording)
+        if found.moved_frame:
+            print("truth, area and terrain of the source are left out: the new world is another one", file=sys.stderr)
+        folder = self._guess if found.problems else self.out
+        with new_folder(folder) as part:
+            write_recording(part, whole)
+            write_text(part / "calibrated.json", json_text(found.to_json(), indent=1) + "\n")
+        if self.picture is not None:
+            from sim.visualization.calibration_picture import draw_calibration
+            from tracker.recordings.calibration_check import check_calibration
+
+            draw_calibration(whole, check_calibration(whole), self.picture)
+        if self.json:
+            print(json_text({"out": str(folder)} | found.to_json(), indent=1))
+        else:
+            print("\n".join([*found.lines(), f"{folder}: {len(found.cameras)} cameras; `pilsim track {folder}` reads it"]))
+
+
+def _length(option: str, text: str) -> tuple[str, float]:
+    """NAME=M. Raises ValueError for anything else."""
+    name, _, number = text.rpartition("=")
+    try:
+        m = float(number)
+    except ValueError:
+        m = 0.0
+    if not name or not 0.0 < m < 1e4:
+        needed = "a number" if option == "--stature" else "a name and a number"
+        raise ValueError(f"{option} is {text.removeprefix('people=')!r}, needs {needed} of metres above 0")
+    return name, m

@@ -1,0 +1,59 @@
+"""Cameras of a room are calibrated by the people in it; what the data do not say is said."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.commands import pilsim
+from tests.tracker.calibration.blind_room import blind, late, place_errors, tilt_errors, walked_room
+from tracker.calibration import calibrate
+from tracker.recordings import Recording
+from tracker.recordings.folder import read_recording, write_recording
+
+
+def written(folder: Path, recording: Recording) -> None:
+    folder.mkdir()
+    write_recording(folder, recording)
+
+
+@pytest.mark.command
+def test_two_cameras_of_known_lenses_from_the_command(tmp_path: Path) -> None:
+    room = late(walked_room(frames=160), "C2", 2).choose(["C1", "C2"])
+    written(tmp_path / "room", blind(room, intrinsics=True))
+    refused = pilsim("track", "room", "--out", "tracks", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "have no R and t; `pilsim calibrate` finds them" in refused.stderr
+    done = pilsim("calibrate", "room", "--out", "new", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout)
+    assert abs(said["cameras"]["C2"]["offset_s"] - 0.5) < 0.05
+    assert read_recording(tmp_path / "new").frames == room.frames
+    again = pilsim("calibrate", "room", "--out", "new", cwd=tmp_path)
+    assert (again.returncode, again.stderr) == (2, "error: new: is there already, choose another folder\n")
+
+
+@pytest.mark.command
+def test_what_is_not_known_is_told_and_the_guess_stands_beside(tmp_path: Path) -> None:
+    written(tmp_path / "still", blind(walked_room(frames=60, speed=0.0).choose(["C1", "C2"]), intrinsics=True))
+    done = pilsim("calibrate", "still", "--out", "new", cwd=tmp_path)
+    assert done.returncode == 3
+    assert "not known: C" in done.stderr
+    assert not (tmp_path / "new").exists()
+    assert (tmp_path / "new.guess" / "recording.json").is_file()
+
+
+@pytest.mark.soak
+def test_four_cameras_from_nothing() -> None:
+    room = late(walked_room(frames=240), "C2", 2)
+    found = calibrate(blind(room))
+    assert not found.problems
+    assert sorted(found.cameras) == list(room.cameras)
+    focal = [camera.camera.fx / 800.0 for camera in found.cameras.values()]  # type: ignore[attr-defined]
+    assert np.abs(np.log(focal)).max() < 0.03
+    assert np.abs(tilt_errors(found, room)).max() < 0.5
+    assert place_errors(found, room).max() < 0.02 * 6.0
+    assert abs(found.offsets["C2"] - 0.5) < 0.05

@@ -1,0 +1,93 @@
+"""What is known before a calibration, and its result: cameras, clock offsets, covariances, and what the data do not say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from tracker.calibration.body import FOCAL, HEIGHT, NAMES, OFFSET, PITCH, ROLL, YAW, X, Y
+from tracker.geometry import Array
+from tracker.geometry.cameras import LensCamera
+from tracker.geometry.ground import Flat
+from tracker.recordings import Recording, RecordingCamera
+
+MOST_OFFSET = 5.0
+"""s: clocks differ by at most so much."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known beside the boxes. heights: camera → m above the ground. distances: two cameras → m.
+
+    stature: mean of people, m; None where it is not known. principal, k1: whether these are estimated, too. most_offset: s by which clocks differ.
+    """
+
+    heights: Mapping[str, float] = field(default_factory=dict)
+    distances: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    stature: float | None = 1.72
+    principal: bool = False
+    k1: bool = False
+    most_offset: float = MOST_OFFSET
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """Cameras with their models and poses, and what is known of them.
+
+    cameras: name → camera. offsets: name → s to add to its times. rows (cameras, 11): parameters as in body.NAMES; covariance (cameras · 11, same).
+    problems: what the data do not say, a line each; the result is a guess where there is one. figures: of the fit. paths: of people, m.
+    moved_frame: whether the world is a new one, as no camera had a pose.
+    """
+
+    cameras: dict[str, RecordingCamera]
+    offsets: dict[str, float]
+    rows: Array
+    covariance: Array
+    problems: tuple[str, ...]
+    figures: dict[str, float]
+    paths: dict[int, tuple[Array, Array]]
+    moved_frame: bool = True
+
+    @property
+    def sigma(self) -> dict[str, Array]:
+        """Standard deviations (11,) of each camera's parameters in the frame of the result."""
+        return dict(zip(self.cameras, np.sqrt(np.abs(np.diag(self.covariance))).reshape(-1, len(NAMES)), strict=True))
+
+    def applied(self, recording: Recording) -> Recording:
+        """The recording with these cameras; without truth, area and terrain where the world is a new one."""
+        changed = replace(recording, cameras={**recording.cameras, **self.cameras})
+        if not self.moved_frame:
+            return changed
+        return replace(changed, truth=None, visible={}, area=None, ground=Flat(), occluders=None, pillars=np.zeros((0, 5)))
+
+    def lines(self) -> list[str]:
+        """A table of the cameras, each parameter with its deviation."""
+        width = max([6, *map(len, self.cameras)])
+        heads = {"focal [px]": 14, "pitch [°]": 13, "roll [°]": 13, "yaw [°]": 14, "x, y, height [m]": 24, "±": 5, "clock [s]": 15}
+        out = [" ".join([f"{'camera':{width}}", *(f"{head:>{wide}}" for head, wide in heads.items())])]
+        for (name, camera), row in zip(self.cameras.items(), self.rows, strict=True):
+            s = self.sigma[name]
+            lens = camera.camera
+            focal = f"{lens.fx:.0f} ± {lens.fx * s[FOCAL]:.0f}" if isinstance(lens, LensCamera) else "-"
+            pitch, roll, yaw = (f"{np.degrees(row[p]):.2f} ± {np.degrees(s[p]):.2f}" for p in (PITCH, ROLL, YAW))
+            place = ", ".join(f"{value:.2f}" for value in (row[X], row[Y], np.exp(row[HEIGHT])))
+            error = float(np.sqrt(s[X] ** 2 + s[Y] ** 2 + (np.exp(row[HEIGHT]) * s[HEIGHT]) ** 2))
+            clock = f"{row[OFFSET]:.3f} ± {s[OFFSET]:.3f}"
+            out.append(f"{name:{width}} {focal:>14} {pitch:>13} {roll:>13} {yaw:>14} {place:>24} {error:>5.2f} {clock:>15}")
+        return out
+
+    def to_json(self) -> dict[str, Any]:
+        """As calibrated.json holds it."""
+        return {
+            "parameters": list(NAMES),
+            "cameras": {
+                name: {"values": row.tolist(), "sigma": self.sigma[name].tolist(), "offset_s": self.offsets[name]}
+                for (name, row) in zip(self.cameras, self.rows, strict=True)
+            },
+            "covariance": self.covariance.tolist(),
+            "figures": self.figures,
+            "problems": list(self.problems),
+        }
