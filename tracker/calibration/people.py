@@ -46,9 +46,8 @@ class Observations:
     def of_people(self, kept: Mask) -> Observations:
         """The boxes of some of the people (people,), who are counted anew."""
         rows, number = kept[self.person], np.cumsum(kept) - 1
-        columns = (getattr(self, name)[rows] for name in ("view", "person", "time", "box", "sigma", "track"))
-        view, person, *rest = columns
-        return Observations(view, number[person], *rest, self.alone[kept])
+        box, sigma = self.box[rows], self.sigma[rows]
+        return Observations(self.view[rows], number[self.person[rows]], self.time[rows], box, sigma, self.track[rows], self.alone[kept])
 
 
 def observations(views: Mapping[str, CameraBoxes], rows: Mapping[str, Array], steps: int, tight: float = 1.0, most: int = MOST) -> Observations:
