@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from sim.cameras import EQUIRECTANGULAR, Rig, parse_camera
+from sim.cameras.view_clock import parse_view_clocks
 from sim.effects import Effects, parse_effects
 from sim.robots.clock import parse_clocks
 from sim.robots.imu import IMU_RATES, WHEEL_RATES, parse_imu, steps_a_sample
@@ -30,7 +31,7 @@ LIGHTS = (BUILT_LIGHT, "overcast", "low", "dim", LAMPS)
 OPTIONAL = {
     "imu": "", "wheels": 0.0, "clock": "", "detector_model": INDEPENDENT, "camera": "", "view_camera": "", "effects": "",
     "distractors": 0, "groups": 0.0, "sitting": 0.0, "clothing": PLAIN_CLOTHING, "umbrellas": 0.0, "light": BUILT_LIGHT, "wet": 0.0, "speed": 0.7,
-    "facades": 0, "glare": 0.0,
+    "facades": 0, "glare": 0.0, "view_clock": "",
 }  # fmt: skip
 """Optional fields with the values that switch them off. The JSON of a scenario holds only those that are switched on."""
 BOUNDS: dict[str, tuple[float, float]] = {
@@ -86,6 +87,7 @@ class Scenario:
     umbrellas: probability that a person who does not sit carries one, 0 by default.
     light: one of LIGHTS. built: as the world has it. lamps: of a room, in place of the sun. wet: how wet the ground is, 0 by default.
     facades: number of buildings with windows around the world. glare: probability that a window of theirs mirrors the sun, or is lit from inside.
+    view_clock: when fixed cameras take their pictures, as sim.cameras.view_clock.parse_view_clocks reads it; "" for one at each frame.
     speed: top speed of rovers that drive to goals of their own, m/s.
     Raises ValueError with name, value and bound for any field out of its bounds, NaN included.
     """
@@ -125,6 +127,7 @@ class Scenario:
     speed: float = 0.7
     facades: int = 0
     glare: float = 0.0
+    view_clock: str = ""
 
     def __post_init__(self) -> None:
         if not isinstance(self.world, str) or not self.world:
@@ -145,7 +148,7 @@ class Scenario:
             model_of(self.detector_model)
 
     def _check_sensors(self) -> None:
-        for name in ("imu", "clock"):
+        for name in ("imu", "clock", "view_clock"):
             if not isinstance(getattr(self, name), str):
                 raise ValueError(f"{name} is {repr(getattr(self, name))[:60]}, needs a text")
         if isinstance(self.wheels, bool) or not isinstance(self.wheels, (int, float, np.integer, np.floating)):
@@ -160,6 +163,8 @@ class Scenario:
         if self.glare and not self.facades:
             raise ValueError(f"glare is {self.glare:g} and facades is 0, needs the facades whose windows glare")
         _ = self.imu_steps, self.wheel_steps
+        if self.view_clock:
+            parse_view_clocks(self.view_clock, self.rate)
         if self.clock:
             own = {f"robot_{i}{part}" for i in range(self.robots) for part in ("", "_camera")}
             for name in parse_clocks(self.clock):

@@ -48,8 +48,7 @@ def track(
     threads: from two on, a tick is read, images of the tick before it are searched, and robots are localized in threads of their own.
     The estimates do not depend on it. Up to six ticks are in memory then.
     solver: of the graphs of leaves, by default `proved_cliques`.
-    Raises ValueError where a tick has a camera that the setup does not have, an index that is not larger than that of the last frame, or a time
-    that is not later than the last.
+    Raises ValueError where a tick has a camera that the setup does not have, and where indices of frames or times do not grow.
     """
     parameters = parameters or Parameters()
     with ExitStack() as stack:

@@ -91,7 +91,7 @@ class Generate:
     cameras: Annotated[str | None, unset("NAME,...", "all; 1 of PETS 2009")] = None
     """Names or numbers of the cameras of a twin, as in 1,5,7."""
     render: bool = True
-    """Render images. A twin with --no-render has boxes by ray casting and no rovers; it is written as a recording."""
+    """Render images. With --no-render, boxes of fixed cameras are by ray casting, there are no rovers, and a recording is written."""
     workers: Annotated[int | None, unset("INT", "one a core")] = None
     """Number of processes that draw on this machine; the bytes are the same with any number."""
     scene: Annotated[OmitArgPrefixes[SceneOptions], arg(name="scene")] = SceneOptions()
@@ -128,13 +128,25 @@ class Generate:
         if self.source is not None:
             raise ValueError(f"{self.source}: the preset {self.preset} has no source; pilsim generate twin {self.source} makes its twin")
         if not self.render:
-            raise ValueError(f"--no-render is for a twin, and {self.preset} is none")
+            self._cast()
+            return
         form = ImageForm(**vars(self.files))
         plan = Plan(self.preset, self._preset(), self.out, self.count, form, usable_cores() if self.workers is None else self.workers, self.cluster)
         made = generate(plan)
         counted = f"{plan.count} sequence{'s' * (plan.count != 1)}, {made} new"
         print_place(self.out / plan.dataset.sequences[0])
         print(f"{self.out}: {counted} (README.md in it); `pilsim check {self.out}` verifies what is there")
+
+    def _cast(self) -> None:
+        from sim.datasets.generation_worker import SequenceTask
+        from sim.recording.record import check_absent
+        from tracker.sequence.writer import ImageForm
+
+        if self.count != 1 or self.cluster or self.files != ImageFiles():
+            raise ValueError("--no-render writes one recording without images, and takes no --count, --cluster or kinds of images")
+        check_absent(self.out)
+        SequenceTask(self.out, self.preset, self._preset(), ImageForm()).cast()
+        print(f"{self.out}: a recording without images (README.md in it); `pilsim track {self.out}` tracks it")
 
     def _given(self) -> dict[str, Any]:
         """Name → value of the options of a scenario on the command line."""

@@ -104,6 +104,8 @@ class CameraSettings:
     """Camera of the rovers: equirectangular, fisheye, pinhole, cylindrical, dual-fisheye, or theta-sc, tum-vi, euroc; as fisheye:fov=200,pitch=10."""
     view_camera: Annotated[str | None, unset("MODEL[:OPTIONS]", "Tsai's pinhole")] = None
     """The same of the fixed cameras."""
+    view_clock: Annotated[str | None, unset("CLOCKS", "one picture a frame")] = None
+    """When fixed cameras take pictures, as View_001:rate=7,offset=0.13;View_002:lost=0.1;View_003:freeze=4+3 (1/s, s, share, BEGIN+SECONDS)."""
     effect: Annotated[UseAppendAction[tuple[str, ...]], unset("NAME=VALUE", "none")] = ()
     """An error of all cameras, as readout=0.02 or vignette=1.5; may be repeated."""
 

@@ -32,6 +32,8 @@ class SourceChoice:
     """Boxes of upright bodies (1.75 x 0.5 m) at the true places of all cameras, with this share missing and edges off by this share of the box."""
     degrade: Annotated[str, unset("drop=P,clutter=N,noise=PX", "as they are")] = ""
     """Degradation of the detections: probability of a loss, false boxes per view and frame, noise of the boxes in pixels."""
+    offsets: Annotated[str, unset("auto|NAME=S,...", "clocks as they are")] = ""
+    """Offsets of the cameras' clocks, s: as C2=0.13 for pictures taken later than they say, or estimated from people whom several cameras see."""
     seed: int = 0
     """Seed of --degrade and --project."""
 
@@ -39,7 +41,7 @@ class SourceChoice:
         """How the source is read. images: whether images are read, too. Raises ValueError as SourceOptions.parse."""
         from tracker.formats.source_options import SourceOptions
 
-        return SourceOptions.parse(self.detections, self.degrade, self.seed, self.cameras, self.frames, images, self.project, pixels)
+        return SourceOptions.parse(self.detections, self.degrade, self.seed, self.cameras, self.frames, images, self.project, pixels, self.offsets)
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from sim.datasets.fixed_cameras import corner_cameras, place_cameras
 from sim.datasets.presets import Preset, confine, provenance
+from sim.datasets.raycast_recording import write_raycast_recording
 from sim.parallel.pool import drawing_alone
 from sim.recording.drawing_workers import DrawingWorkers, drawing_workers
 from sim.recording.frame_journal import NAME as JOURNAL
@@ -36,6 +37,14 @@ class SequenceTask:
     form: ImageForm
     workers: int = 1
     cluster: str | None = None
+
+    def cast(self) -> None:
+        """Write a recording by ray casting in place of the sequence. Raises ValueError as `run`, and for rovers, whose SLAM needs images."""
+        if self.preset.scenario.robots:
+            raise ValueError(f"robots is {self.preset.scenario.robots}, needs 0 without rendering: the SLAM of rovers needs images")
+        if not self.preset.views:
+            raise ValueError("views is 0, needs a fixed camera without rendering")
+        write_raycast_recording(self._recording(None), self.folder)
 
     @property
     def complete(self) -> bool:

@@ -59,7 +59,7 @@ def open_halves(path: Path, options: SourceOptions, fit_frames: Frames | None = 
     fitted: False leaves the fit out, and all frames are tried.
     Raises ValueError, with the path, for a recording without truth, for cameras on robots, and for parts that are not there.
     """
-    whole = open_recording(path, options)
+    whole = open_recording(path, options).in_step()
     say_suspicion(path, whole)
     if moving := [name for name, camera in whole.cameras.items() if camera.robot is not None]:
         raise ValueError(f"{path}: camera {moving[0]} is on a robot, needs cameras that stand still; --cameras chooses some")

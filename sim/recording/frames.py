@@ -7,10 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import final
+from typing import NamedTuple, final
 
 import numpy as np
 
+from sim.cameras.view_clock import TimedPicture
+from sim.recording.view_times import ViewTimes
 from sim.rendering.panorama import RenderedImage
 from sim.sensors.raycast_camera import RaycastCamera
 from sim.sensors.robot_detector import RobotDetector, is_rover_panorama
@@ -50,6 +52,7 @@ class FrameState:
 class Frame:
     """One frame: the tick for the tracker, the truth, and the truth of the view by camera.
 
+    pictures: camera that is not in step → the picture that it took since the frame before and that arrived. The tick has only the others.
     images: by camera, empty without rendering. samples: as of FrameState. rows: of truth/rows.csv, empty where all rows show one time.
     """
 
@@ -59,6 +62,22 @@ class Frame:
     samples: SensorSamples
     images: Mapping[str, RenderedImage] = field(default_factory=dict)
     rows: list[list[object]] = field(default_factory=list)
+    pictures: Mapping[str, TakenView] = field(default_factory=dict)
+
+
+class TakenView(NamedTuple):
+    """A picture of a camera that is not in step, and the people found in it."""
+
+    picture: TimedPicture
+    detections: Detections
+
+
+class PastView(NamedTuple):
+    """A picture of a camera that is not in step, the truth of its view then, and feet (m, 3) m of all who are present."""
+
+    picture: TimedPicture
+    true: ViewTruth
+    feet: Array
 
 
 def simulated_frames(simulation: Simulation, setup: Setup, sensors: RobotSensors | None = None) -> Iterator[FrameState]:
@@ -107,6 +126,8 @@ def tick_of(index: int, period: float, mounts: Mapping[str, Mount], measured: Me
     """The tick of a frame. The first view of a robot brings its odometry. period: s between frames."""
     views, odometry = [], dict(measured.odometry)
     for name, mount in mounts.items():
+        if name not in measured.detections:
+            continue
         image = measured.images[name].colour if name in measured.images else None
         seen, found = measured.sightings.get(name), measured.companions.get(name)
         views.append(View(name, measured.detections[name], seen, odometry.pop(mount.robot, None), image=image, robot_detections=found))
@@ -120,6 +141,7 @@ class FrameAssembler:
     def __init__(self, simulation: Simulation, setup: Setup) -> None:
         scenario = simulation.scenario
         self._mounts, self._period = setup.mounts, scenario.period
+        self.times = ViewTimes(scenario, setup)
         self._detectors = ViewDetectors(scenario, setup.mounts, simulation.all_persons)
 
     def frame(
@@ -128,13 +150,19 @@ class FrameAssembler:
         true: Mapping[str, ViewTruth],
         images: Mapping[str, RenderedImage] | None = None,
         sightings: Mapping[str, Sightings] | None = None,
+        past: Mapping[str, PastView] | None = None,
     ) -> Frame:
-        """true: camera → truth of its view. images: camera → image, None where it is not needed or not rendered. sightings: camera → sightings."""
+        """true: camera → truth of its view. images: camera → image, None where it is not needed or not rendered. sightings: camera → sightings.
+
+        past: the pictures that cameras that are not in step took since the frame before.
+        """
         person, feet, images = state.truth.person_id, state.truth.feet, images or {}
-        found = {name: self._detectors.detect(name, true[name], person, feet) for name in self._mounts}
+        found = {name: self._detectors.detect(name, true[name], person, feet) for name in self._mounts if name not in self.times.pictures}
+        # A picture that does not arrive takes its random numbers, so that the others are as without losses.
+        seen = {name: TakenView(one.picture, self._detectors.detect(name, one.true, person, one.feet)) for name, one in (past or {}).items()}
         tick = tick_of(state.index, self._period, self._mounts, Measurements(found, state.odometry, sightings or {}, state.companions, images))
         truth = replace(state.truth, visible=_visible_fractions(person, [true[name] for name in self._mounts]))
-        return Frame(tick, truth, true, state.samples, images)
+        return Frame(tick, truth, true, state.samples, images, pictures={name: one for name, one in seen.items() if one.picture.arrives})
 
 
 def _visible_fractions(persons: Ints, views: list[ViewTruth]) -> Array:
@@ -151,9 +179,20 @@ def raycast_frames(simulation: Simulation, setup: Setup, raycast_camera: Raycast
     """The frames of a scenario without rendering: views by ray casting, and sightings of landmarks for panoramas of rovers."""
     scenario = simulation.scenario
     raycast_camera, assembler = raycast_camera or RaycastCamera(simulation), FrameAssembler(simulation, setup)
+    simulation.keep_steps = simulation.keep_steps or bool(assembler.times.pictures)
     landmark_streams = {name: scenario.stream(f"sightings/{name}") for name, mount in setup.mounts.items() if is_rover_panorama(simulation, mount)}
     for state in simulated_frames(simulation, setup):
         poses = {name: state.truth.T_world_robot[mount.robot] @ mount.T_body_camera for name, mount in setup.mounts.items()}
         true = {name: raycast_camera.view(setup.mounts[name].camera, pose, state.people) for name, pose in poses.items()}
         seen = {name: raycast_camera.sightings(poses[name], rng) for name, rng in landmark_streams.items()}
-        yield assembler.frame(state, true, sightings=seen)
+        past = {name: _past_view(raycast_camera, assembler.times, (name, setup), state) for name in assembler.times.at(state.index)}
+        yield assembler.frame(state, true, sightings=seen, past=past)
+
+
+def _past_view(raycast_camera: RaycastCamera, times: ViewTimes, view: tuple[str, Setup], state: FrameState) -> PastView:
+    """The picture that a fixed camera took before a frame."""
+    (name, setup), picture = view, times.at(state.index)[view[0]]
+    before, mount = times.before(state.index, picture), setup.mounts[name]
+    pose = state.truth.T_world_robot[mount.robot] @ mount.T_body_camera
+    true = raycast_camera.past_view(before, mount.camera, pose, state.people)
+    return PastView(picture, true, raycast_camera.simulation.past_feet(before))

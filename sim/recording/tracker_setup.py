@@ -11,6 +11,7 @@ import numpy as np
 from sim.cameras import Rig, RigView
 from sim.pedestrian import skeleton
 from sim.recording.shots import MountedRig, mounted_rigs, rig_of
+from sim.recording.view_times import clocks_of
 from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
 from tracker.geometry import Pose
@@ -74,7 +75,9 @@ def make_setup(simulation: Simulation, fixed: Mapping[str, FixedCamera] | None =
     floor = simulation.world.terrain.on_grid
     terrain, occluders = (Grid(field.heights, field.origin, field.spacing) for field in (floor, simulation.world.tops()))
     band = Setup.height if not scenario.children else (Setup.height[0] - (skeleton.ADULTS[0] - skeleton.CHILDREN[0]), Setup.height[1])
-    return Setup(mounts, terrain, starts, scenario.period, height=band, occluders=occluders)
+    setup = Setup(mounts, terrain, starts, scenario.period, height=band, occluders=occluders)
+    slower = {name: replace(mounts[name], period=1 / clock.rate) for name, clock in clocks_of(scenario, setup).items() if clock.rate}
+    return replace(setup, mounts=mounts | slower)
 
 
 def told_setup(simulation: Simulation, true: Setup) -> Setup:

@@ -44,15 +44,16 @@ _ALONG_AXES = np.abs(_DIRECTIONS).sum(axis=1) == 1
 
 
 class Raycaster:
-    """Casts rays through the current state of a simulation."""
+    """Casts rays through the current state of a simulation, or through the scene `data`."""
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
+        self.data: mujoco.MjData | None = None
         self._height_fields = _height_fields(simulation.model, simulation.data)
 
     def first_hit(self, eye: Array, targets: Array) -> tuple[NDArray[np.int32], Mask]:
         """First geom (n,) on the rays from eye (3,) m to targets (n, 3) m, −1 for none, and whether each ray reaches its target."""
-        model, away = self._simulation.model, targets - eye
+        model, away, data = self._simulation.model, targets - eye, self._simulation.data if self.data is None else self.data
         length = np.maximum(np.linalg.norm(away, axis=1), 1e-9)
         geom, distance = np.full((len(targets), 1), -1, np.int32), np.full((len(targets), 1), -1.0)
         if not len(targets):
@@ -63,7 +64,7 @@ class Raycaster:
         model.geom_group[list(self._height_fields)] = ABSENT
         try:
             rays = directions.ravel(), DRAWN_GROUPS, 1, -1, geom, distance, None, len(targets), float(length.max()) + 1.0
-            mujoco.mj_multiRay(model, self._simulation.data, start, *rays)
+            mujoco.mj_multiRay(model, data, start, *rays)
         finally:
             model.geom_group[:] = groups
         first, nearest = geom[:, 0], np.where(geom[:, 0] < 0, np.inf, distance[:, 0])
@@ -159,10 +160,19 @@ class RaycastCamera:
         self.raycaster = Raycaster(simulation)
         self._surfaces = {int(person): _PersonSurface.of(simulation.model, f"person_{person}") for person in simulation.all_persons}
 
+    def past_view(self, before: float, camera: Camera, T_world_camera: Pose, people: People) -> ViewTruth:
+        """As `view`, `before` s before the current frame of the simulation, which keeps its steps."""
+        self.raycaster.data = self.simulation.past(before)
+        try:
+            return self.view(camera, T_world_camera, people)
+        finally:
+            self.raycaster.data = None
+
     def view(self, camera: Camera, T_world_camera: Pose, people: People) -> ViewTruth:
         """Truth of a view, as true_boxes.truth_above. Boxes are not rounded to pixels, and there are no key points."""
         eye = T_world_camera.translation
-        surfaces = [self._surfaces[int(person)].placed(self.simulation.data) for person in people.person]
+        data = self.simulation.data if self.raycaster.data is None else self.raycaster.data
+        surfaces = [self._surfaces[int(person)].placed(data) for person in people.person]
         clear = self._unoccluded(eye, [points for points, _ in surfaces], people.person)
         kept, visible_boxes, full, visible = [], [], [], []
         for k, (points, corners) in enumerate(surfaces):

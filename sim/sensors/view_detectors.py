@@ -34,8 +34,11 @@ class ViewDetectors:
 
     def __init__(self, scenario: Scenario, mounts: Mapping[str, Mount], persons: Iterable[int]) -> None:
         errors = IndependentErrors(scenario.misses, scenario.clutter, scenario.bearing_noise, scenario.min_visible)
-        model, run = model_of(scenario.detector_model, errors), (scenario.period, list(persons))
-        self.detectors = {name: ViewDetector(model, mount.camera, run, scenario.stream(f"detector/{name}")) for name, mount in mounts.items()}
+        model, people = model_of(scenario.detector_model, errors), list(persons)
+        self.detectors = {
+            name: ViewDetector(model, mount.camera, (mount.period or scenario.period, people), scenario.stream(f"detector/{name}"))
+            for name, mount in mounts.items()
+        }
 
     def detect(self, name: str, view: ViewTruth, persons: Ints, feet: Array) -> Detections:
         """Detections in a view. persons (m,) ids and feet (m, 3) m, world, of all people who are present."""

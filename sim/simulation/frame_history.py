@@ -48,6 +48,15 @@ class FrameHistory:
         mujoco.mj_integratePos(model, out, velocity, share)
         return out
 
+    def places(self, before: float) -> Array:
+        """x, y (m, 2) m of all people `before` s before the end; people who were not there at the step before are as in `limbs`."""
+        k, share = self._place(before, len(self.people) - 1)
+        first = self.people[k][0]
+        if share == 0:
+            return first.position
+        last = self.people[k + 1][0].position
+        return np.asarray(np.where(first.present[:, None], (1 - share) * first.position + share * last, last))
+
     def limbs(self, stature: Array, ground: Terrain, before: float) -> tuple[Array, Array]:
         """Positions (m, limbs, 3) m and quaternions (m, limbs, 4) wxyz of the limbs `before` s before the end.
 

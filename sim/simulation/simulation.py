@@ -189,6 +189,15 @@ class Simulation:
         mujoco.mj_camlight(self.model, data)
         return data
 
+    def past_feet(self, before: float) -> Array:
+        """As `feet`, `before` s before the current frame. Raises ValueError as `past`."""
+        if before == 0 or not self.frame:
+            return self.feet()
+        if self._history is None:
+            raise ValueError("physics steps were not kept: set keep_steps before the step")
+        position = self._history.places(before)
+        return np.column_stack([position, self.world.terrain.height_at(position)])[self._crowd_state.present]
+
     def T_world_robot(self, name: str, data: mujoco.MjData | None = None) -> Pose:
         """The pose of a rover's body, now or in the scene of `past`. Raises ValueError for a name that is not in `robots`."""
         if name not in self.robots:

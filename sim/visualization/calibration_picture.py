@@ -87,6 +87,7 @@ def _wrapped(words: str) -> str:
 
 
 def _scene(recording: Recording) -> Scene:
+    recording = recording.in_step()
     case = CalibrationCase.of(recording)
     colours = {name: COLOURS[k % len(COLOURS)] for k, name in enumerate(recording.fixed)}
     places = np.array([camera.pose.translation[:2] for camera in recording.fixed.values()]).reshape(-1, 2)

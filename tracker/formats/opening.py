@@ -18,6 +18,7 @@ from tracker.io.resume import checksum
 from tracker.io.time_order import say
 from tracker.recordings import FrameBoxes, Recording
 from tracker.recordings.calibration_check import suspicion
+from tracker.recordings.clock_offsets import AUTO, estimated_offsets, parsed_offsets, with_offsets
 from tracker.recordings.degradation import Degradation, degraded_boxes, noisy_boxes, projected_boxes
 from tracker.recordings.folder import read_boxes
 from tracker.recordings.images import VideoFile
@@ -79,6 +80,8 @@ def open_sequence(path: Path, options: SourceOptions | None = None, checked: boo
     if form.name == UTIAS:
         raise ValueError(f"{path}: is {form.title}, which has robots and no cameras; `track` and `score` read it")
     if form.name == PILSIM:
+        if options.offsets:
+            raise ValueError(f"{path}: --offsets is for recordings; the clocks of a sequence of pilsim are known")
         if options.degradation != Degradation() or options.projected is not None:
             raise ValueError(f"{path}: --degrade and --project are for recordings; generate the sequence with another detector")
         return selected(read_sequence(path), options)
@@ -143,7 +146,19 @@ def _with_options(path: Path, recording: Recording, options: SourceOptions) -> R
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from None
         source |= {"degradation": asdict(options.degradation), "seed": options.seed}
+    if options.offsets:
+        recording = _with_clock_offsets(path, recording, options.offsets)
     return replace(recording, source=source)
+
+
+def _with_clock_offsets(path: Path, recording: Recording, text: str) -> Recording:
+    """The recording with the offsets of --offsets, which are told in a line where they are estimated."""
+    if text != AUTO:
+        return with_offsets(recording, parsed_offsets(text, list(recording.cameras)))
+    found = estimated_offsets(recording)
+    late = ", ".join(f"{name} {abs(seconds):.2f} s {'late' if seconds > 0 else 'early'}" for name, seconds in found.items())
+    say(f"{path}: clocks by people who move: {late or 'no camera is clearly apart from the others'}")
+    return with_offsets(recording, found)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,7 @@ class SourceOptions:
     camera "" stands for a folder with a file CAMERA.txt for each. frames: the first one and the end, as in Python's slices; None for all.
     degradation: of all detections, with a seed. images: whether images are read, too. projected: the errors of boxes that are projected from the
     truth in place of the detections, None for the detections. pixels: whether people are found in the images alone, so that no boxes are needed.
+    offsets: of the cameras' clocks, as --offsets has them, "" for none.
     """
 
     cameras: tuple[str, ...] = ()
@@ -28,6 +29,7 @@ class SourceOptions:
     images: bool = False
     projected: BoxNoise | None = None
     pixels: bool = False
+    offsets: str = ""
 
     @staticmethod
     def parse(
@@ -39,6 +41,7 @@ class SourceOptions:
         images: bool = False,
         project: str | None = None,
         pixels: bool = False,
+        offsets: str = "",
     ) -> SourceOptions:
         """Parse command line options. detections: each CAMERA=FILE, or one folder. degrade: see Degradation.parse. cameras: as C1,C3. frames: A:B.
         project: see BoxNoise.parse.
@@ -53,7 +56,8 @@ class SourceOptions:
             raise ValueError("--detections and --project exclude each other: boxes are read, or projected from the truth")
         if pixels and (given or noise is not None or degrade):
             raise ValueError("--detector pixels finds the boxes in images, and excludes --detections, --project and --degrade")
-        return SourceOptions(_names(cameras), _files(given), _slice(frames), Degradation.parse(degrade), seed, images or pixels, noise, pixels)
+        read = _names(cameras), _files(given), _slice(frames)
+        return SourceOptions(*read, Degradation.parse(degrade), seed, images or pixels, noise, pixels, offsets)
 
     def to_run(self) -> dict[str, Any]:
         """As entries of run.json; none for the default. Images are left out, since scores do not need them."""
@@ -72,6 +76,8 @@ class SourceOptions:
             out |= {"project": str(self.projected), "seed": self.seed}
         if self.pixels:
             out["detector"] = "pixels"
+        if self.offsets:
+            out["offsets"] = self.offsets
         return out
 
     def detection_files(self, cameras: list[str]) -> dict[str, Path]:

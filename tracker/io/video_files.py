@@ -96,6 +96,19 @@ def _frame_times(path: str, size: int, changed: int, most: int | None) -> Array:
     return np.sort(np.array(times))
 
 
+def packet_times(path: Path) -> Array:
+    """Times (n,) s of the frames of a video by the stamps of its packets, ascending; empty where they have none, or it cannot be read."""
+    import av
+
+    try:
+        with av.open(str(path)) as container:
+            stream = container.streams.video[0]
+            times = [float(packet.pts * stream.time_base) for packet in container.demux(stream) if packet.size]  # type: ignore[operator]
+            return np.sort(np.array(times))
+    except (av.FFmpegError, IndexError, TypeError):
+        return np.zeros(0)
+
+
 def number_of_frames(path: Path) -> int:
     """How many frames a video holds, by its packets, which are not decoded. Progress bars may be off by few.
 

@@ -151,7 +151,7 @@ class Observation:
 
     limits: what bounds the children. active (a,): rows of the leaves in the last global hypothesis that are not deleted. bodies: people at the
     places of the leaves, of whom the active ones may occlude others. expected (n, V): probability that a view should have a box of a leaf, relative
-    to people in full view; missed (n, V): log-likelihood of a missed detection, of which a revisit of the cameras holds as many as one tick of all.
+    to people in full view. missed (n, V): log-likelihood of a missed detection. A revisit of the cameras holds as many as one tick of all does.
     chance (n,): probability that some view should have a box of a leaf.
     """
 

@@ -32,7 +32,7 @@ class TrackHypotheses:
     misses, out_of_view, unselected (n,): since the last box, outside all views, outside the global hypothesis.
     due (n,): since a view could last have shown the person, at most 1. expected_misses (n,): sum since the last box of `due` times the probability
     that some view should have had one.
-    node (n, W): ids of the tree's nodes, the latest first; states (n, W, 5) and covariances (n, W, 5, 5), filtered; detected (n, W): with a box;
+    node (n, W): ids of the tree's nodes, the latest first. states (n, W, 5) and covariances (n, W, 5, 5): filtered. detected (n, W): with a box.
     past_gaps, past_scores (n, W): s since the last box, and the score, before each tick.
     appearance (n, C, d): appearance in each camera, the mean of appearance_count (n, C) boxes; C is 0 while no box has an appearance.
     """

@@ -253,6 +253,7 @@ class CalibrationCase:
     @staticmethod
     def of(recording: Recording) -> CalibrationCase:
         """The fixed cameras of a recording with their boxes, of so many frames that there are at most MOST_BOXES."""
+        recording = recording.in_step()
         fixed = recording.fixed
         counts = np.zeros(recording.frames + 1, dtype=np.int64)
         for name in fixed:

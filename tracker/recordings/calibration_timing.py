@@ -333,8 +333,7 @@ def _shifted_among(case: CalibrationCase) -> Corrected | None:
     """Without truth: the delays of cameras that fit the delays of all pairs best, against their median."""
     if len(case.lenses) < 2:
         return None
-    pairs = _pair_delays(case)
-    delays = _camera_delays(list(case.lenses), pairs)
+    delays = delays_among(case)
     least = LEAST_DELAY * case.rate
     late = {name: delay for name, delay in delays.items() if abs(delay.frames) > max(AMONG_CAMERAS + ERRORS * delay.spread, least)}
     found = _one_shifted(case, _least_left(delays, late), "the other cameras")
@@ -349,6 +348,11 @@ def _shifted_among(case: CalibrationCase) -> Corrected | None:
         return found
     words = f"{found[0].words}, or {', or '.join(ways)}: the boxes do not tell which"
     return replace(found[0], cameras=(name, *(key for key in doubtful if key != name)), words=words), found[1]
+
+
+def delays_among(case: CalibrationCase) -> dict[str, Delay]:
+    """The delay of each camera that sees people whom others see, against the mean of the others."""
+    return _camera_delays(list(case.lenses), _pair_delays(case)) if len(case.lenses) > 1 else {}
 
 
 def _least_left(delays: Mapping[str, Delay], late: Mapping[str, Delay]) -> dict[str, Delay]:

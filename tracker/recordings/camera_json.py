@@ -52,6 +52,8 @@ CLASSES: dict[str, type[Pinhole | Fisheye | Panorama | Cylinder | Tsai]] = {
     "cylindrical": Cylinder,
     "tsai": Tsai,
 }
+CLOCK = ("offset_s", "rate")
+"""Optional fields of a camera's clock (clocks.py)."""
 SYNONYMS = {
     "opencv": "pinhole",
     "perspective": "pinhole",
@@ -145,7 +147,7 @@ def _model(entry: Mapping[str, Any], where: str) -> str:
 def _check_keys(entry: Mapping[str, Any], model: str, where: str) -> None:
     """Raises ValueError for unknown and for missing keys."""
     needed = ("width", "height", *FIELDS[model], *POSE)
-    known = ("model", *needed, *(("distortion",) if model in DISTORTION else ()), "robot")
+    known = ("model", *needed, *(("distortion",) if model in DISTORTION else ()), "robot", *CLOCK)
     if unknown := [key for key in entry if key not in known]:
         near = get_close_matches(unknown[0], known, n=1, cutoff=0.5)
         hint = f" (is {near[0]} meant?)" if near else ""

@@ -10,6 +10,8 @@
   CAMERA.txt in the same order. They are compared by their cosine: length and scale do not matter. A row of zeros says nothing.
 * truth.txt (MOT15, optional): frame from 1, id, -1, -1, -1, -1, visible share, x, y, z [m]. Who is not seen (0) is not scored.
 * video/CAMERA.mp4 (optional): one image for each frame; also .avi, .mkv, .mov, .webm, .m4v and .mpg.
+* times.csv (optional): camera, frame, time_s: when each frame of a camera was taken, frames from 1; what is not in it was not taken. Another
+  camera has the rate of the recording, or its own "rate" and "offset_s" in recording.json. Then frame f is at offset_s + (f - 1) / rate.
 * images/CAMERA/000001.jpg (optional, in place of the video): frames from 1, or from 0 where a camera has 000000; names as frame_000001.jpg and
   suffixes .jpeg, .png, .bmp, .tif, .tiff and .webp are read, too. What is found otherwise is told in a line.
 * robots.json (optional): robots that carry cameras: {"r0": {"start": {"position": [x, y, z] m, "quaternion": [w, x, y, z]}}}; a start may have
@@ -40,7 +42,10 @@ from tracker.io.json_files import read_json
 from tracker.io.mot15 import Mot15Rows, place_of_row, read_detections, read_mot15, rows_from_boxes, rows_from_tracks, write_mot15
 from tracker.io.picture_folders import say_left_out
 from tracker.io.resume import checksums
+from tracker.io.time_order import say
 from tracker.recordings.camera_json import camera_from, camera_to
+from tracker.recordings.clocks import FILE as TIMES
+from tracker.recordings.clocks import CameraClock, clock_fields, clock_from, read_times, uneven_clock, write_times
 from tracker.recordings.images import ImageFiles, ImageSource, VideoFile, image_sources
 from tracker.recordings.recording import MAX_FRAMES, STATURE, FrameBoxes, FrameVectors, Recording, RecordingCamera, RecordingRobot
 from tracker.sequence.calibration import pose_from, pose_row
@@ -78,7 +83,7 @@ def read_recording(path: Path, strict: bool = True) -> Recording:
     detections = _detections(path, cameras)
     area, ground, occluders = content.get("area"), *_ground(path, content.get("ground", 0.0))
     height = content.get("height", list(STATURE))
-    robots, frames = _robots(path), content.get("frames", 0)
+    robots, frames, images = _robots(path), content.get("frames", 0), image_sources(path, cameras)
     if isinstance(frames, bool) or not isinstance(frames, int) or not 0 <= frames <= MAX_FRAMES:
         raise ValueError(f"{file}: frames is {frames!r}, needs a whole number up to {MAX_FRAMES}")
     if not (isinstance(height, list) and len(height) == 2 and all(isinstance(one, int | float) for one in height)):
@@ -93,8 +98,9 @@ def read_recording(path: Path, strict: bool = True) -> Recording:
             ground=ground,
             height=(float(height[0]), float(height[1])),
             occluders=occluders,
-            images=image_sources(path, cameras),
+            images=images,
             robots=robots,
+            clocks=_clocks(path, content["cameras"], images),
             searched=_searched(content.get("searched"), cameras, f"{file}: searched"),
             appearances=_of_boxes(path / "detections", list(cameras), ".npy"),
             covariances=_of_boxes(path / "detections", list(cameras), COVARIANCES),
@@ -110,6 +116,20 @@ def read_recording(path: Path, strict: bool = True) -> Recording:
         if (path / ROBOTS_SEEN).is_file():
             recording = replace(recording, robot_detections=_robots_seen(path / ROBOTS_SEEN, recording))
     return _with_truth(path, recording, strict)
+
+
+def _clocks(path: Path, entries: Mapping[str, Any], images: Mapping[str, ImageSource]) -> dict[str, CameraClock]:
+    """The clocks of cameras: of times.csv, of recording.json, or of a video whose frames are not evenly spaced in time."""
+    told = {name: clock for name, entry in entries.items() if (clock := clock_from(entry, f"cameras.{name}")) is not None}
+    stamped = read_times(path / TIMES, entries) if (path / TIMES).is_file() else {}
+    if both := sorted(set(told) & set(stamped)):
+        raise ValueError(f"cameras.{both[0]} has offset_s or rate, and {TIMES} has its times; needs one of them")
+    uneven = {}
+    for name, source in images.items():
+        if name not in told and name not in stamped and isinstance(source, VideoFile) and (clock := uneven_clock(source.path)) is not None:
+            uneven[name] = clock
+            say(f"{source.path}: frames are not evenly spaced in time; they are taken at their own stamps")
+    return {name: (told | stamped | uneven)[name] for name in entries if name in told or name in stamped or name in uneven}
 
 
 def _robots_seen(file: Path, recording: Recording) -> dict[str, dict[int, RobotDetections]]:
@@ -326,7 +346,7 @@ def _start(entry: Any, where: str) -> Start | None:
 
 
 def _checksums(path: Path) -> dict[str, str]:
-    beside = ("truth.txt", "robots.json", "odometry.csv", ROBOT_TRUTH, ROBOTS_SEEN)
+    beside = ("truth.txt", "robots.json", "odometry.csv", ROBOT_TRUTH, ROBOTS_SEEN, TIMES)
     files = [path / FILE, *sorted(path.glob("detections/[!.]*.txt")), *sorted(path.glob("detections/[!.]*.npy")), *(path / name for name in beside)]
     return checksums(path, files)
 
@@ -343,7 +363,7 @@ def write_recording(folder: Path, recording: Recording) -> None:
         content["searched"] = {name: _runs(frames) for name, frames in recording.searched.items()}
     content["ground"] = _write_ground(folder, recording)
     content["height"] = list(recording.height)
-    content["cameras"] = {name: camera_to(camera) for name, camera in recording.cameras.items()}
+    content["cameras"] = {name: camera_to(camera) | clock_fields(recording.clocks.get(name)) for name, camera in recording.cameras.items()}
     write_text(folder / FILE, json.dumps(content, indent=1, allow_nan=False) + "\n")
     (folder / "detections").mkdir()
     for name, boxes in recording.detections.items():
@@ -360,6 +380,8 @@ def write_recording(folder: Path, recording: Recording) -> None:
         write_mot15(folder / "truth.txt", replace(rows, confidence=np.concatenate([np.zeros(0), *seen])))
     if recording.robots:
         _write_robots(folder, recording)
+    if any(clock.stamps is not None for clock in recording.clocks.values()):
+        write_times(folder / TIMES, recording.clocks)
     for name, source in recording.images.items():
         _copy_images(folder, name, source)
 

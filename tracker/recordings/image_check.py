@@ -26,6 +26,7 @@ NAMED = 3
 
 def silent_frames(recording: Recording) -> list[Finding]:
     """A finding of frames without boxes in any camera, where those just before and after have some: they were lost, or not searched."""
+    recording = recording.in_step()
     counts = np.zeros(recording.frames)
     known = np.zeros(recording.frames, dtype=bool)
     for name in recording.fixed:

@@ -16,7 +16,7 @@ from tracker.io.image_files import decode_picture, orientation
 from tracker.io.picture_folders import frames_from_zero, natural_key, numbered_files, say_left_out, visible_files
 from tracker.io.time_order import say
 from tracker.io.video_files import VIDEOS, frame_times, open_video
-from tracker.types import Odometry, Tick, Ticks
+from tracker.types import Odometry, Tick, Ticks, View
 
 
 class ImageSource(Protocol):
@@ -129,6 +129,15 @@ def image_sources(path: Path, cameras: Collection[str]) -> dict[str, ImageSource
     return {name: found[name] for name in cameras if name in found}
 
 
+def _frame_of(view: View, tick: Tick) -> int:
+    return tick.index if view.frame is None else view.frame
+
+
+def _image(readers: Mapping[str, Iterator[tuple[int, Image | None]]], view: View, frame: int) -> Image | None:
+    """The image of a frame; those before it that no view has are skipped."""
+    return next((image for k, image in readers[view.camera] if k == frame), None) if view.camera in readers else None
+
+
 @dataclass(frozen=True, eq=False)
 class TicksWithImages:
     """Ticks with images that are read during iteration. sources: camera → its images; sizes: camera → height and width, px."""
@@ -142,13 +151,13 @@ class TicksWithImages:
 
     def __iter__(self) -> Iterator[Tick]:
         with ExitStack() as stack:
+            last = {view.camera: _frame_of(view, tick) for tick in self.ticks for view in tick.views}
             readers = {
-                camera: stack.enter_context(closing(source.images(len(self.ticks), self.sizes[camera])))  # type: ignore[type-var]
+                camera: enumerate(stack.enter_context(closing(source.images(last.get(camera, -1) + 1, self.sizes[camera]))))  # type: ignore[type-var]
                 for camera, source in self.sources.items()
             }
             for tick in self.ticks:
-                images = {camera: next(reader) for camera, reader in readers.items()}
-                yield replace(tick, views=tuple(replace(view, image=images.get(view.camera)) for view in tick.views))
+                yield replace(tick, views=tuple(replace(view, image=_image(readers, view, _frame_of(view, tick))) for view in tick.views))
 
     def odometry(self) -> Iterator[dict[str, Odometry]]:
         return self.ticks.odometry()

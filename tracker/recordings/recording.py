@@ -18,6 +18,7 @@ from tracker.geometry import Array, Ints, Pose
 from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Camera, Pinhole
 from tracker.geometry.ground import Flat, Ground
 from tracker.io.mot15 import MAX_FRAME
+from tracker.recordings.clocks import LONGEST, TOGETHER, CameraClock, Schedule, TickViews
 from tracker.recordings.images import ImageFiles, ImageSource, TicksWithImages
 from tracker.sequence.calibration import MAX_RATE, MIN_RATE
 from tracker.types import Detections, Mount, Odometry, RobotDetections, Sequence, Setup, Start, Tick, Ticks, TicksInMemory, Truth, View
@@ -101,6 +102,7 @@ class Recording:
     truth: frame from 0 → ids (k,) and positions (k, 3) m of people, or None. frames: number of frames, 0 for as many as there are boxes or truth.
     area: (2, 2) m, the lowest and highest x, y in which people are reported, or None. ground: the terrain. height: band of body heights, m.
     searched: fixed camera → the frames that were searched for people, for cameras not searched in all. In others it has no view: nobody knows.
+    clocks: camera → when it took its frames. Its frames, in all fields, are its own then; others are in step with the recording (clocks.py).
     appearances: camera → frame → vectors (n, d) of the boxes of that frame, as in Detections; they are left out where other boxes come in.
     covariances: camera → frame → (n, 3) rad²: c00, c01, c11 of the covariance in Detections that the detector states; left out likewise.
     robot_detections: camera → frame → the other robots that it sees; empty where no detector of robots runs.
@@ -127,6 +129,7 @@ class Recording:
     covariances: Mapping[str, FrameVectors] = field(default_factory=dict)
     robot_detections: Mapping[str, Mapping[int, RobotDetections]] = field(default_factory=dict)
     searched: Mapping[str, frozenset[int]] = field(default_factory=dict)
+    clocks: Mapping[str, CameraClock] = field(default_factory=dict)
     source: Mapping[str, Any] = field(default_factory=lambda: {"source": "recording"})
 
     def __post_init__(self) -> None:
@@ -139,8 +142,8 @@ class Recording:
         low, high = self.height
         if not 0 < low < high < np.inf:
             raise ValueError(f"height is {list(self.height)}, needs two numbers of metres above 0, the lower first")
-        for kind, named in (("detections", self.detections), ("images", self.images), ("appearances", self.appearances), ("searched", self.searched)):
-            if unknown := sorted(set(named) - set(self.cameras)):
+        for kind in ("detections", "images", "appearances", "searched", "clocks"):
+            if unknown := sorted(set(getattr(self, kind)) - set(self.cameras)):
                 raise ValueError(f"{kind} has camera {unknown[0]!r}, needs one of {', '.join(self.cameras)}")
         for name, camera in self.cameras.items():
             if camera.robot is not None and camera.robot not in self.robots:
@@ -183,9 +186,74 @@ class Recording:
 
     def _last_frame(self) -> int:
         """The last frame that has boxes, an image file, truth or odometry; −1 without any."""
-        numbered: list[Iterable[int]] = [*self.detections.values(), self.truth or (), *(robot.odometry for robot in self.robots.values())]
-        numbered += [source.files for source in self.images.values() if isinstance(source, ImageFiles)]
-        return max((max(frames, default=-1) for frames in numbered), default=-1)
+        files = {name: source.files for name, source in self.images.items() if isinstance(source, ImageFiles)}
+        of_cameras = [self._frame_of(name, max(of[name])) for of in (self.detections, files) for name in of if of[name]]
+        others: list[Iterable[int]] = [self.truth or (), *(robot.odometry for robot in self.robots.values())]
+        return max([*of_cameras, *(max(frames, default=-1) for frames in others)], default=-1)
+
+    def _frame_of(self, name: str, frame: int) -> int:
+        """The frame of the recording that a camera's own frame leads to. Frames of robots are those of the recording."""
+        if name not in self.clocks or self.cameras[name].robot is not None or self._common_stamps:
+            return frame
+        stamps = self.clocks[name].stamps
+        if stamps is not None and frame not in stamps:
+            raise ValueError(f"{name} has data in frame {frame + 1}, for which times.csv has no row")
+        return max(0, int(np.ceil((self.clocks[name].time(frame, self.rate) - TOGETHER) * self.rate)))
+
+    @property
+    def _common_stamps(self) -> bool:
+        stamps = [self.clocks[name].stamps if name in self.clocks else None for name in self.cameras]
+        return stamps[0] is not None and all(one == stamps[0] for one in stamps)
+
+    @cached_property
+    def schedule(self) -> Schedule:
+        """When the frames of the recording are, and the ticks of its cameras."""
+        return Schedule(self.rate, self.frames, self.clocks, {name: camera.robot is not None for name, camera in self.cameras.items()})
+
+    def in_step(self) -> Recording:
+        """The recording with the data of cameras with clocks in the frames of the recording that are nearest in time; others are not searched.
+
+        What compares cameras frame by frame reads this.
+        """
+        if not self.clocks:
+            return self
+        if self._common_stamps:
+            return replace(self, clocks={})
+        number = {name: self._nearest(name) for name in self.clocks if self.cameras[name].robot is None}
+
+        def moved(kind: str) -> dict[str, Any]:
+            return {
+                name: of if name not in number else {number[name][f]: value for f, value in of.items() if f in number[name]}
+                for name, of in getattr(self, kind).items()
+            }
+
+        searched = {name: frozenset(k for f, k in frames.items() if f in self.searched.get(name, frames)) for name, frames in number.items()}
+        files = {name: source for name, source in self.images.items() if name not in number or isinstance(source, ImageFiles)}
+        images: dict[str, ImageSource] = {
+            name: ImageFiles({number[name][f]: path for f, path in source.files.items() if f in number[name]})
+            if name in number and isinstance(source, ImageFiles) else source
+            for name, source in files.items()
+        }  # fmt: skip
+        return replace(
+            self, clocks={}, images=images, searched={**self.searched, **searched}, detections=moved("detections"),
+            appearances=moved("appearances"), covariances=moved("covariances"), robot_detections=moved("robot_detections"),
+        )  # fmt: skip
+
+    def apart(self, name: str) -> Array:
+        """s by which the pictures of a camera are later than the frames of `in_step` that they are in."""
+        number = self._nearest(name) if name in self.clocks and not self._common_stamps else {}
+        return np.array([self.clocks[name].time(f, self.rate) - self.schedule.times[k] for f, k in number.items()])
+
+    def _nearest(self, name: str) -> dict[int, int]:
+        """Own frame of a camera → the frame of the recording within half a period of it that has no nearer one."""
+        clock, times = self.clocks[name], self.schedule.times
+        out: dict[int, tuple[float, int]] = {}
+        for frame in clock.frames(float(times[-1]) + 0.5 / self.rate, self.rate) if len(times) else ():
+            apart = np.abs(times - clock.time(frame, self.rate))
+            k = int(np.argmin(apart))
+            if apart[k] <= 0.5 / self.rate + TOGETHER and apart[k] < out.get(k, (np.inf, 0))[0]:
+                out[k] = float(apart[k]), frame
+        return {frame: k for k, (_, frame) in out.items()}
 
     @property
     def fixed(self) -> dict[str, RecordingCamera]:
@@ -225,6 +293,7 @@ class Recording:
             covariances={name: self.covariances[name] for name in names if name in self.covariances},
             robot_detections={name: _of_robots(self.robot_detections[name], carriers) for name in names if name in self.robot_detections},
             searched={name: self.searched[name] for name in names if name in self.searched},
+            clocks={name: self.clocks[name] for name in names if name in self.clocks},
             images={name: self.images[name] for name in names if name in self.images},
             robots={name: robot for name, robot in self.robots.items() if name in carriers},
         )
@@ -234,8 +303,12 @@ class Recording:
         if not 0 <= first < end <= self.frames:
             raise ValueError(f"frames are {first}:{end}, needs 0 to {self.frames} with the lower first")
 
-        def part(by_frame: Mapping[int, Any]) -> dict[int, Any]:
-            return {frame - first: value for frame, value in by_frame.items() if first <= frame < end}
+        spans = {name: self._span(name, first, end) for name in self.cameras}
+        begin = float(self.schedule.times[first]) if self.clocks else 0.0
+
+        def part(by_frame: Mapping[int, Any], name: str = "") -> dict[int, Any]:
+            low, high = spans.get(name, (first, end))
+            return {frame - low: value for frame, value in by_frame.items() if low <= frame < high}
 
         robots = {
             name: replace(robot, odometry=part(robot.odometry), truth=None if robot.truth is None else part(robot.truth))
@@ -245,17 +318,32 @@ class Recording:
             raise ValueError(f"frames begin at {first}, needs 0 where robots move, since their start is known at frame 0 alone")
         return replace(
             self,
-            detections={name: part(boxes) for name, boxes in self.detections.items()},
-            appearances={name: part(vectors) for name, vectors in self.appearances.items()},
-            searched={name: frozenset(f - first for f in frames if first <= f < end) for name, frames in self.searched.items()},
-            covariances={name: part(vectors) for name, vectors in self.covariances.items()},
-            robot_detections={name: part(seen) for name, seen in self.robot_detections.items()},
+            detections={name: part(boxes, name) for name, boxes in self.detections.items()},
+            appearances={name: part(vectors, name) for name, vectors in self.appearances.items()},
+            searched={name: frozenset(part(dict.fromkeys(frames), name)) for name, frames in self.searched.items()},
+            clocks={name: self._cut_clock(name, spans[name], begin) for name in self.clocks},
+            covariances={name: part(vectors, name) for name, vectors in self.covariances.items()},
+            robot_detections={name: part(seen, name) for name, seen in self.robot_detections.items()},
             truth=None if self.truth is None else part(self.truth),
             visible=part(self.visible),
-            images={name: source.cut(first, end) for name, source in self.images.items()},
+            images={name: source.cut(*spans[name]) for name, source in self.images.items()},
             frames=end - first,
             robots=robots,
         )
+
+    def _span(self, name: str, first: int, end: int) -> tuple[int, int]:
+        """The own frames of a camera, first and end, that lead to the frames from `first` to `end` − 1 of the recording."""
+        if name not in self.clocks or self.cameras[name].robot is not None or self._common_stamps:
+            return first, end
+        inside = [f for f, k in self.schedule.leads_to(name).items() if first <= k < end]
+        return (min(inside), max(inside) + 1) if inside else (0, 0)
+
+    def _cut_clock(self, name: str, span: tuple[int, int], begin: float) -> CameraClock:
+        """The clock of a camera whose frames begin at the first one of `span`, in a recording that begins at `begin` s."""
+        clock = self.clocks[name]
+        if clock.stamps is not None:
+            return replace(clock, stamps={f - span[0]: time - begin for f, time in clock.stamps.items() if span[0] <= f < span[1]} or {0: -LONGEST})
+        return replace(clock, offset=clock.time(span[0], self.rate) - begin)
 
     def setup(self, calibrated: bool = True) -> Setup:
         """The constant inputs of the tracker. A fixed camera is a robot of its name that never moves. Raises ValueError as check_heights.
@@ -267,11 +355,12 @@ class Recording:
         self.check_heights()
         mounts, starts = {}, dict[str, Start | None]()
         for name, camera in self.cameras.items():
+            period = self.clocks[name].period(self.rate) if name in self.clocks else 0.0
             if camera.robot is None:
-                mounts[name] = Mount(camera.camera, Pose.identity(), name)
+                mounts[name] = Mount(camera.camera, Pose.identity(), name, period=period)
                 starts[name] = Start(camera.pose, np.zeros((6, 6)))
             else:
-                mounts[name] = Mount(camera.camera, camera.pose, camera.robot)
+                mounts[name] = Mount(camera.camera, camera.pose, camera.robot, period=period)
                 starts[camera.robot] = self.robots[camera.robot].start
         area = None if self.area is None else np.asarray(self.area)
         return Setup(mounts, self.ground, starts, 1 / self.rate, area=area, height=self.height, occluders=self.occluders, pillars=self.pillars)
@@ -283,7 +372,8 @@ class Recording:
         calibrated: as in setup. Raises ValueError where images are asked for and there are none.
         """
         setup = self.setup(calibrated)
-        ticks: Ticks = TicksInMemory(tuple(self._tick(index) for index in range(self.frames)), setup.mounts)
+        planned = self.schedule.ticks() if self.clocks else (TickViews(k / self.rate, k, True, self._all(k)) for k in range(self.frames))
+        ticks: Ticks = TicksInMemory(tuple(self._tick(one) for one in planned), setup.mounts)
         wanted = {name: source for name, source in self.images.items() if images or self.cameras[name].robot is not None}
         if images and not wanted:
             raise ValueError(f"no images, neither video/CAMERA.mp4 nor images/CAMERA/000001.jpg, of {', '.join(self.cameras)}")
@@ -297,9 +387,13 @@ class Recording:
         nobody = NO_ROBOT if self.robot_detections else None
         return {name: View(name, NOBODY, robot_detections=nobody) for name in self.cameras}
 
-    def _tick(self, index: int) -> Tick:
+    def _all(self, frame: int) -> dict[str, int]:
+        return dict.fromkeys(self.cameras, frame)
+
+    def _tick(self, planned: TickViews) -> Tick:
         views = []
-        for name, camera in self.cameras.items():
+        for name, index in planned.frames.items():
+            camera = self.cameras[name]
             if camera.robot is None and name not in self.detections:
                 continue  # an empty view would say that the camera sees nobody
             if camera.robot is None and index not in self.searched.get(name, (index,)):
@@ -307,7 +401,7 @@ class Recording:
             found = self.detections.get(name, {}).get(index)
             odometry = self.robots[camera.robot].odometry.get(index) if camera.robot is not None else None
             robots = self.robot_detections.get(name, {}).get(index, NO_ROBOT) if self.robot_detections else None
-            if found is None and odometry is None and not robots:
+            if found is None and odometry is None and not robots and not self.clocks:
                 views.append(self._empty_views[name])
                 continue
             detections = NOBODY if found is None else detections_from_boxes(camera.camera, *found)
@@ -315,8 +409,9 @@ class Recording:
                 detections = replace(detections, appearance=vectors[index])
             if len(detections) and index in (stated := self.covariances.get(name, {})):
                 detections = replace(detections, covariance=stated[index][:, [0, 1, 1, 2]].reshape(-1, 2, 2))
-            views.append(View(name, detections, odometry=odometry, robot_detections=robots))
-        return Tick(index, index / self.rate, tuple(views))
+            frame = index if self.clocks else None
+            views.append(View(name, detections, odometry=odometry, robot_detections=robots, frame=frame))
+        return Tick(planned.frame, planned.time, tuple(views), planned.reported)
 
     def _truth(self) -> tuple[Truth, ...] | None:
         """The truth of frames 0 to the last that has an entry. Later frames are not labeled."""

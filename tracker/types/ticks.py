@@ -37,6 +37,7 @@ class View:
 
     odometry: that of the robot that carries the camera, or None. image (H, W, 3) uint8 RGB or None.
     robot_detections: None where no detector of robots runs. features: what was found in the image ahead of the SLAM filter, or None.
+    frame: the camera's own number of the image from 0, None where it is the index of the tick.
     """
 
     camera: str
@@ -46,6 +47,7 @@ class View:
     image: Image | None = None
     robot_detections: RobotDetections | None = None
     features: Sightings | None = None
+    frame: int | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -126,7 +126,8 @@ def test_a_rotation_with_rounded_digits_becomes_the_nearest_rotation() -> None:
         ({"robot": 3}, ".robot is 3, needs the name of a robot"),
         (
             {"dist": [0] * 5},
-            ": field 'dist' is unknown in the model pinhole, needs model, width, height, K, R, t, distortion, robot (is distortion meant?)",
+            ": field 'dist' is unknown in the model pinhole, needs model, width, height, K, R, t, distortion, robot, offset_s, rate"
+            " (is distortion meant?)",
         ),
         ({"no\nsuch\u2028key": 1}, r": field 'no\nsuch\u2028key' is unknown in the model pinhole"),
     ],

@@ -1,0 +1,133 @@
+"""Clocks of cameras: times.csv and its errors, the ticks that follow, and people who are followed by cameras with rates and delays of their own."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.tracker.recordings.walked_room import walked_room
+from tracker.metrics.evaluation import evaluate
+from tracker.pipeline import Parameters, track
+from tracker.recordings import Recording
+from tracker.recordings.clocks import TOGETHER, CameraClock, Schedule
+from tracker.recordings.folder import read_recording, write_recording
+from tracker.sequence.results import Results
+
+RATE = 20.0
+OWN = {"C2": CameraClock(0.1, 5.0), "C3": CameraClock(stamps={f: f / RATE for f in range(120) if f % 10 != 3 and not 40 <= f < 80})}
+"""One camera at 5 frames/s, 0.1 s late; one that loses a tenth of its frames, and freezes for 2 s."""
+
+
+def fast_room() -> Recording:
+    """Four people who walk 1.2 m/s, 20 frames/s."""
+    room = walked_room(people=4, frames=120, speed=1.2 * 4 / RATE)
+    return Recording(RATE, room.cameras, room.detections, room.truth, area=room.area)
+
+
+def with_clocks(room: Recording, clocks: dict[str, CameraClock]) -> Recording:
+    """The room whose cameras take their frames at other times: boxes are those of the frame at that time."""
+    detections = dict(room.detections)
+    for name, clock in clocks.items():
+        at = {f: round(clock.time(f, RATE) * RATE) for f in clock.frames(room.frames / RATE, RATE)}
+        detections[name] = {f: room.detections[name][k] for f, k in at.items()}
+    return replace(room, detections=detections, clocks=clocks)
+
+
+def mota(room: Recording, delay: int = 0) -> float:
+    sequence = room.sequence()
+    estimates = list(track(sequence.setup, sequence.ticks, Parameters(delay=delay)))
+    assert [one.index for one in estimates] == list(range(room.frames))
+    return float(evaluate(sequence, Results.of(estimates, run={}))["targets"]["mota"])
+
+
+@pytest.mark.parametrize("delay", [0, 5])
+def test_cameras_with_clocks_of_their_own_follow_people_as_cameras_in_step_do(delay: int) -> None:
+    room = fast_room()
+    apart = with_clocks(room, OWN)
+    assert mota(apart, delay) > mota(room, delay) - 0.02
+    # Without its times the slow camera's boxes are those of other moments.
+    pair = ["C2", "C3"]
+    assert mota(apart.choose(pair), delay) > mota(room.choose(pair), delay) - 0.02
+    assert mota(replace(apart, clocks={}).choose(pair), delay) < mota(room.choose(pair), delay) - 0.1
+
+
+def test_cameras_in_step_make_a_tick_of_each_frame() -> None:
+    names = dict.fromkeys(("A", "B"), False)
+    ticks = Schedule(7.0, 30, {}, names).ticks()
+    assert [(t.time, t.frame, t.reported, t.frames) for t in ticks] == [(k / 7, k, True, {"A": k, "B": k}) for k in range(30)]
+    # Clocks that say the same make the same.
+    assert Schedule(7.0, 30, {"A": CameraClock(), "B": CameraClock(rate=7.0)}, names).ticks() == ticks
+
+
+def test_each_view_and_each_frame_is_in_one_tick() -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        stamps = {f: float(t) for f, t in enumerate(np.cumsum(rng.uniform(0.002, 0.2, 40))) if rng.random() < 0.8}
+        # An offset that differs from frames by just TOGETHER is on the edge between two ticks.
+        first = CameraClock(3 / 7 + TOGETHER, 7.0) if rng.random() < 0.2 else CameraClock(rng.uniform(-0.3, 0.3), rng.uniform(2, 30))
+        clocks = {"A": first, "B": CameraClock(stamps=stamps)}
+        plan = Schedule(7.0, 30, clocks, dict.fromkeys(("A", "B", "C"), False))
+        ticks = plan.ticks()
+        assert all(b.time > a.time and (b.frame > a.frame if a.reported else b.frame >= a.frame) for a, b in itertools.pairwise(ticks))
+        assert [t.frame for t in ticks if t.reported] == list(range(30))
+        seen = Counter((name, f) for t in ticks for name, f in t.frames.items())
+        assert set(seen.values()) == {1}
+        assert {f for name, f in seen if name == "B"} == {f for f, time in stamps.items() if time <= plan.times[-1] + TOGETHER}
+        assert all(abs(clocks[name].time(f, 7.0) - t.time) <= TOGETHER for t in ticks for name, f in t.frames.items() if name in clocks)
+
+
+def test_frames_of_a_lone_camera_are_at_its_stamps() -> None:
+    stamps = {0: 0.0, 1: 0.04, 2: 0.3, 5: 0.5}
+    ticks = Schedule(25.0, 6, {"A": CameraClock(stamps=stamps)}, {"A": False}).ticks()
+    assert {t.frame: t.time for t in ticks if t.frames} == pytest.approx(stamps, abs=1e-5)
+    assert all(t.reported for t in ticks)
+    assert len(ticks) == 6
+
+
+def test_odometry_of_a_robot_is_that_of_its_frame() -> None:
+    """Stamps of two robots jitter: frame k of a robot is in a tick of frame k, which is reported after both."""
+    stamps = [{k: k / 4 + 0.03 * ((k * m) % 5) for k in range(12)} for m in (1, 2)]
+    clocks = {name: CameraClock(stamps=of) for name, of in zip("AB", stamps, strict=True)}
+    ticks = Schedule(4.0, 12, clocks, {"A": True, "B": True}).ticks()
+    assert all(f == t.frame for t in ticks for f in t.frames.values())
+    assert [t.frame for t in ticks if t.reported] == list(range(12))
+
+
+def test_times_are_written_and_read(tmp_path: Path) -> None:
+    room = with_clocks(fast_room(), OWN)
+    write_recording(tmp_path, room)
+    again = read_recording(tmp_path)
+    assert again.frames == room.frames
+    for name, clock in OWN.items():
+        assert vars(again.clocks[name]) == vars(clock)
+    ticks, others = (list(one.sequence().ticks) for one in (room, again))
+    assert [(t.time, t.index, [(v.camera, len(v.detections)) for v in t.views]) for t in ticks] == [
+        (t.time, t.index, [(v.camera, len(v.detections)) for v in t.views]) for t in others
+    ]
+    # A part begins at time 0 with the frames of that part.
+    part = again.cut(20, 60)
+    whole = [(t.time - 1.0, t.index - 20, [v.camera for v in t.views]) for t in ticks if 20 <= t.index < 60]
+    assert [(pytest.approx(t.time, abs=1e-9), t.index, [v.camera for v in t.views]) for t in part.sequence().ticks] == whole
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        ("C9,1,0.0", "times.csv:2: camera is 'C9', needs one of C1, C2, C3, C4"),
+        ("C1,0,0.0", "times.csv:2: C1 has frame 0 at 0 s"),
+        ("C1,1,0.0\nC1,1,0.1", "times.csv:3: C1 has frame 1 at 0.1 s, needs each frame once"),
+        ("C1,1,0.5\nC1,2,0.4", "times.csv:3: C1 has frame 2 at 0.4 s, and 1 at 0.5 s; times must grow"),
+        ("C1,1,0.5", "C1 has data in frame 2, for which times.csv has no row"),
+    ],
+)
+def test_wrong_times_are_one_line(tmp_path: Path, rows: str, words: str) -> None:
+    write_recording(tmp_path, walked_room(people=3, frames=2))
+    (tmp_path / "times.csv").write_text(f"camera,frame,time_s\n{rows}\n")
+    with pytest.raises(ValueError, match=re.escape(words)):
+        read_recording(tmp_path)

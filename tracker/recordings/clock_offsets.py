@@ -1,0 +1,62 @@
+"""Offsets of cameras' clocks: estimated by people who move, or given, and applied as clocks of the recording."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from tracker.recordings.calibration_feet import CalibrationCase
+from tracker.recordings.calibration_timing import ERRORS, LEAST_DELAY, delays_among
+from tracker.recordings.clocks import LONGEST, CameraClock
+from tracker.recordings.recording import Recording
+
+AUTO = "auto"
+_GRAMMAR = "auto, or CAMERA=SECONDS,... (later is positive)"
+
+
+def parsed_offsets(text: str, cameras: list[str]) -> dict[str, float]:
+    """Camera → s by which its pictures are later than it says. Raises ValueError for another text and an unknown camera."""
+    out: dict[str, float] = {}
+    for item in text.split(","):
+        name, equals, number = (part.strip() for part in item.partition("="))
+        try:
+            seconds = float(number)
+        except ValueError:
+            seconds = np.nan
+        if not equals or not abs(seconds) <= LONGEST or name in out:
+            raise ValueError(f"--offsets has {item.strip()[:60]!r}, needs {_GRAMMAR}")
+        if name not in cameras:
+            raise ValueError(f"--offsets has camera {name[:40]!r}, needs one of {', '.join(cameras)}")
+        out[name] = seconds
+    return out
+
+
+def estimated_offsets(recording: Recording) -> dict[str, float]:
+    """Fixed camera → s by which its pictures are later than it says, of those that are clearly apart from the other cameras.
+
+    Feet of one person in two cameras are compared, without truth (calibration_timing.py). What all cameras have in common cannot be seen: the median
+    is 0. Offsets within ERRORS standard errors are left at 0. So are all where none is LEAST_DELAY, as errors of feet imitate shorter ones.
+    """
+    delays, rate = delays_among(CalibrationCase.of(recording)), recording.rate
+    if len(delays) < 2:
+        return {}
+    # A delay is against the mean of the others. A frame that is numbered late shows an earlier time.
+    share = (len(delays) - 1) / len(delays)
+    found = {name: _told(recording, name) - share * delay.frames / rate for name, delay in delays.items()}
+    middle = float(np.median(list(found.values())))
+    sure = {name: found[name] - middle for name in found if abs(found[name] - middle) > ERRORS * share * delays[name].spread / rate}
+    return {name: round(seconds, 4) for name, seconds in sure.items()} if max(map(abs, sure.values()), default=0.0) > LEAST_DELAY else {}
+
+
+def _told(recording: Recording, name: str) -> float:
+    """Mean s by which a camera's pictures are later than the frames in which they are compared, by its own clock."""
+    apart = recording.apart(name)
+    return float(np.mean(apart)) if len(apart) else 0.0
+
+
+def with_offsets(recording: Recording, offsets: dict[str, float]) -> Recording:
+    """The recording whose cameras took their pictures so much later."""
+    moved = {name: recording.clocks.get(name, CameraClock()).later(seconds) for name, seconds in offsets.items()}
+    clocks = {**recording.clocks, **moved}
+    return replace(recording, clocks={name: clocks[name] for name in recording.cameras if name in clocks})

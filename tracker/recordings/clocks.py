@@ -1,0 +1,224 @@
+"""When the frames of cameras were taken, and the ticks that follow: a tick is a time with the views of that time.
+
+A camera has its own rate, offset or stamps; one without is in step with the frames of the recording. Those have the rate of the recording, and truth,
+odometry and results are theirs. Where cameras on robots have stamps, or all cameras have the same ones, frames are at these times instead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tracker.geometry import Array
+from tracker.io.csv_tables import read_numbered_table, write_table
+from tracker.io.video_files import packet_times
+from tracker.sequence.calibration import MAX_RATE, MIN_RATE
+from tracker.types.ticks import ROUNDING
+
+FILE = "times.csv"
+COLUMNS = {"camera": str, "frame": int, "time_s": float}
+TOGETHER = 0.01
+"""s: views so near in time are one tick. People walk 2 cm meanwhile, less than any box errs."""
+LONGEST = 1e7
+"""s: times are at most so large."""
+
+
+@dataclass(frozen=True, eq=False)
+class CameraClock:
+    """When a camera took its frames.
+
+    stamps: frame from 0 → s; the camera has no other frames. Where it is None, frame f is at offset s + f / rate; rate None: that of the recording.
+    """
+
+    offset: float = 0.0
+    rate: float | None = None
+    stamps: Mapping[int, float] | None = None
+
+    def __post_init__(self) -> None:
+        if self.rate is not None and not MIN_RATE <= self.rate <= MAX_RATE:
+            raise ValueError(f"rate is {self.rate}, needs {MIN_RATE:g} to {MAX_RATE:g} frames/s")
+        if not abs(self.offset) <= LONGEST:
+            raise ValueError(f"offset is {self.offset} s, needs at most {LONGEST:g} in size")
+        if self.stamps is None:
+            return
+        times = [self.stamps[frame] for frame in sorted(self.stamps)]
+        if not times or not all(abs(time) <= LONGEST for time in times) or (np.diff(times) <= 0).any():
+            raise ValueError(f"stamps are {str(times)[:60]}, needs at least one, growing with the frames, and at most {LONGEST:g} s in size")
+
+    def time(self, frame: int, rate: float) -> float:
+        """s of a frame from 0; rate: of the recording. Raises KeyError for a frame without a stamp."""
+        return self.stamps[frame] if self.stamps is not None else self.offset + frame / (self.rate or rate)
+
+    def frames(self, end: float, rate: float) -> Iterable[int]:
+        """The frames before `end` s, of a recording of that rate."""
+        if self.stamps is not None:
+            return sorted(frame for frame, time in self.stamps.items() if time < end)
+        return range(max(0, int(np.ceil((end - self.offset) * (self.rate or rate) - ROUNDING))))
+
+    def period(self, rate: float) -> float:
+        """Usual s between frames; 0 where it is that of a recording of `rate` frames/s."""
+        if self.stamps is None:
+            usual = 1 / (self.rate or rate)
+        else:
+            frames = sorted(self.stamps)
+            usual = float(np.median(np.diff([self.stamps[f] for f in frames]) / np.diff(frames))) if len(frames) > 1 else 1 / rate
+        return 0.0 if abs(usual * rate - 1) < SAME else usual
+
+    def later(self, seconds: float) -> CameraClock:
+        """The clock of frames that were taken so much later."""
+        if self.stamps is None:
+            return replace(self, offset=self.offset + seconds)
+        return replace(self, stamps={frame: time + seconds for frame, time in self.stamps.items()})
+
+
+SAME = 0.02
+"""Share by which the rates of two cameras in step may differ by the jitter of stamps."""
+
+
+class TickViews(NamedTuple):
+    """What a tick holds: time s, frame (the index of Tick) and `reported`, and camera → its own frame."""
+
+    time: float
+    frame: int
+    reported: bool
+    frames: dict[str, int]
+
+
+@dataclass(frozen=True, eq=False)
+class Schedule:
+    """The ticks of cameras with clocks. rate: of the recording; frames: how many it has; robots: camera → whether a robot carries it.
+
+    The frames of cameras on robots are those of the recording, as odometry belongs to them.
+    """
+
+    rate: float
+    frames: int
+    clocks: Mapping[str, CameraClock]
+    robots: Mapping[str, bool]
+    times: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "times", self._frame_times())
+
+    def _frame_times(self) -> Array:
+        """(frames,) s: when the frames of the recording are."""
+        regular, anchors = np.arange(self.frames) / self.rate, dict[int, float]()
+        carried = [name for name, on_robot in self.robots.items() if on_robot and name in self.clocks]
+        stamps = [self.clocks[name].stamps for name in (carried or self.robots) if name in self.clocks]
+        if carried:
+            for of_camera in stamps:
+                for frame, time in (of_camera or {}).items():
+                    anchors[frame] = max(time, anchors.get(frame, time))
+        elif len(stamps) == len(self.robots) and stamps[0] is not None and all(one == stamps[0] for one in stamps):
+            anchors = dict(stamps[0])
+        known = np.array(sorted(frame for frame in anchors if frame < self.frames), dtype=np.int64)
+        if not len(known):
+            return regular
+        # Between frames with stamps, time passes evenly. Stamps of two robots may overtake each other by less than a frame.
+        late = np.interp(np.arange(self.frames), known, [anchors[frame] - regular[frame] for frame in known.tolist()])
+        least = 1e-6 * np.arange(self.frames)
+        return np.asarray(np.maximum.accumulate(regular + late - least) + least)
+
+    def leads_to(self, name: str) -> dict[int, int]:
+        """Own frame of a camera → the frame of the recording that its tick leads to."""
+        return {tick.frames[name]: tick.frame for tick in self.ticks() if name in tick.frames}
+
+    def ticks(self) -> list[TickViews]:
+        """All ticks in order. Views of one camera are never in one tick, nor are two frames."""
+        end = float(self.times[-1]) + TOGETHER + 1e-9 if self.frames else 0.0
+        events: list[tuple[float, str, int]] = [(float(time), "", k) for k, time in enumerate(self.times)]
+        for name, on_robot in self.robots.items():
+            clock = self.clocks.get(name)
+            if clock is None:
+                events += [(float(time), name, k) for k, time in enumerate(self.times)]
+            else:
+                frames = [frame for frame in clock.frames(end, self.rate) if not on_robot or frame < self.frames]
+                events += [(clock.time(frame, self.rate), name, frame) for frame in frames]
+        order = {name: k for k, name in enumerate(("", *self.robots))}
+        events.sort(key=lambda event: (event[0], order[event[1]]))
+        groups: list[list[tuple[float, str, int]]] = []
+        for event in events:
+            if groups and event[0] - groups[-1][0][0] <= TOGETHER and all(other[1] != event[1] for other in groups[-1]):
+                groups[-1].append(event)
+            else:
+                groups.append([event])
+        out: list[TickViews] = []
+        for group in groups:
+            out.append(self._tick(group, out[-1].frame + out[-1].reported if out else 0))
+        return out
+
+    def _tick(self, group: list[tuple[float, str, int]], following: int) -> TickViews:
+        """following: the first frame that is not reported yet."""
+        frame = next(((time, k) for time, name, k in group if not name), None)
+        seen = {name: k for _, name, k in group if name}
+        frames = {name: seen[name] for name in self.robots if name in seen}
+        if frame is not None:
+            return TickViews(frame[0], frame[1], True, frames)
+        on_robot = [k for name, k in frames.items() if self.robots[name]]
+        return TickViews(group[0][0], max([following, *on_robot]), False, frames)
+
+
+def read_times(file: Path, cameras: Iterable[str]) -> dict[str, CameraClock]:
+    """The clocks of times.csv. Raises ValueError with file and line for other columns, unknown cameras, doubled frames, times that do not grow."""
+    known, found, last = list(cameras), dict[str, dict[int, float]](), dict[str, int]()
+    lines, table = read_numbered_table(file, COLUMNS)
+    for line, name, frame, time in zip(lines, *(table[column].tolist() for column in COLUMNS), strict=True):
+        stamps = found.setdefault(name, {})
+        if name not in known:
+            raise ValueError(f"{file}:{line}: camera is {name[:40]!r}, needs one of {', '.join(known)}")
+        if frame < 1 or frame - 1 in stamps or not abs(time) <= LONGEST:
+            raise ValueError(f"{file}:{line}: {name} has frame {frame} at {time:g} s, needs each frame once, from 1, and times in s")
+        before = last.get(name, frame - 1)
+        if before < frame - 1 and not time > stamps[before]:
+            raise ValueError(f"{file}:{line}: {name} has frame {frame} at {time:g} s, and {before + 1} at {stamps[before]:g} s; times must grow")
+        stamps[frame - 1], last[name] = time, frame - 1
+    out = {}
+    for name, stamps in found.items():
+        try:
+            out[name] = CameraClock(stamps=stamps)
+        except ValueError as error:
+            raise ValueError(f"{file}: {name}: {error}") from None
+    return out
+
+
+def write_times(file: Path, clocks: Mapping[str, CameraClock]) -> None:
+    """Write times.csv with the cameras that have stamps; read_times reads the same."""
+    stamped = [(name, clock.stamps) for name, clock in clocks.items() if clock.stamps is not None]
+    write_table(file, list(COLUMNS), [[name, frame + 1, time] for name, stamps in stamped for frame, time in sorted(stamps.items())])
+
+
+def clock_fields(clock: CameraClock | None) -> dict[str, float]:
+    """The fields of a camera's entry in recording.json that clock_from reads; none for a clock with stamps."""
+    if clock is None or clock.stamps is not None:
+        return {}
+    return {"offset_s": clock.offset} | ({} if clock.rate is None else {"rate": clock.rate})
+
+
+def uneven_clock(video: Path) -> CameraClock | None:
+    """The clock of a video by its stamps, where an interval differs from the usual one by more than UNEVEN; else None. No image is decoded."""
+    times = packet_times(video)
+    steps = np.diff(times)
+    if len(steps) < 2 or not (steps > 0).all() or np.abs(steps / np.median(steps) - 1).max() <= UNEVEN:
+        return None
+    return CameraClock(stamps=dict(enumerate((times - times[0]).tolist())))
+
+
+UNEVEN = 0.5
+"""Share of the usual interval between frames: stamps of containers are rounded to some ms."""
+
+
+def clock_from(entry: Mapping[str, Any], where: str) -> CameraClock | None:
+    """The clock of a camera's entry in recording.json by its `rate` and `offset_s`; None without both."""
+    values = [entry.get(key) for key in ("offset_s", "rate")]
+    if values == [None, None]:
+        return None
+    if any(value is not None and (isinstance(value, bool) or not isinstance(value, int | float)) for value in values):
+        raise ValueError(f"{where}: offset_s and rate are {str(values)[:60]}, need a number of seconds and of frames/s")
+    try:
+        return CameraClock(float(values[0] or 0.0), None if values[1] is None else float(values[1]))
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None
