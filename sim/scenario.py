@@ -19,6 +19,7 @@ from sim.cameras.view_clock import parse_view_clocks
 from sim.effects import Effects, parse_effects
 from sim.robots.clock import parse_clocks
 from sim.robots.imu import IMU_RATES, WHEEL_RATES, parse_imu, steps_a_sample
+from sim.robots.robot_choice import ROVER, parse_robots
 
 CROWD_STEP = 0.05
 """s: step of the crowd and of commands; the nearest to this that divides a frame is used."""
@@ -31,7 +32,7 @@ LIGHTS = (BUILT_LIGHT, "overcast", "low", "dim", LAMPS)
 OPTIONAL = {
     "imu": "", "wheels": 0.0, "clock": "", "detector_model": INDEPENDENT, "camera": "", "view_camera": "", "effects": "",
     "distractors": 0, "groups": 0.0, "sitting": 0.0, "clothing": PLAIN_CLOTHING, "umbrellas": 0.0, "light": BUILT_LIGHT, "wet": 0.0, "speed": 0.7,
-    "facades": 0, "glare": 0.0, "view_clock": "",
+    "facades": 0, "glare": 0.0, "view_clock": "", "robot": "",
 }  # fmt: skip
 """Optional fields with the values that switch them off. The JSON of a scenario holds only those that are switched on."""
 BOUNDS: dict[str, tuple[float, float]] = {
@@ -88,6 +89,7 @@ class Scenario:
     light: one of LIGHTS. built: as the world has it. lamps: of a room, in place of the sun. wet: how wet the ground is, 0 by default.
     facades: number of buildings with windows around the world. glare: probability that a window of theirs mirrors the sun, or is lit from inside.
     view_clock: when fixed cameras take their pictures, as sim.cameras.view_clock.parse_view_clocks reads it; "" for one at each frame.
+    robot: in place of rovers, names and files of robots as sim.robots.robot_choice.parse_robots reads them, repeated; "" for rovers.
     speed: top speed of rovers that drive to goals of their own, m/s.
     Raises ValueError with name, value and bound for any field out of its bounds, NaN included.
     """
@@ -128,6 +130,7 @@ class Scenario:
     facades: int = 0
     glare: float = 0.0
     view_clock: str = ""
+    robot: str = ""
 
     def __post_init__(self) -> None:
         if not isinstance(self.world, str) or not self.world:
@@ -162,6 +165,10 @@ class Scenario:
             raise ValueError(f"groups and sitting are {self.groups:g} and {self.sitting:g}, need shares of at most 1 together")
         if self.glare and not self.facades:
             raise ValueError(f"glare is {self.glare:g} and facades is 0, needs the facades whose windows glare")
+        if not isinstance(self.robot, str):
+            raise ValueError(f"robot is {repr(self.robot)[:60]}, needs a text")
+        if self.robot and {choice.source for choice in parse_robots(self.robot)} != {ROVER} and self.wheels:
+            raise ValueError(f"wheels is {self.wheels:g} and robot is {self.robot[:60]!r}, but encoders are tables of rovers alone")
         _ = self.imu_steps, self.wheel_steps
         if self.view_clock:
             parse_view_clocks(self.view_clock, self.rate)

@@ -31,19 +31,24 @@ def attach(scene: mujoco.MjSpec, child: mujoco.MjSpec, prefix: str) -> mujoco.Mj
 
     Returns the frame. The child cannot be used again.
     """
+    take_options(scene, child)
+    frame = scene.worldbody.add_frame()
+    scene.attach(child, prefix=prefix, frame=frame)
+    return frame
+
+
+def take_options(scene: mujoco.MjSpec, child: mujoco.MjSpec) -> None:
+    """Give a child the options, the view and the sizes of the scene to which it is attached: MuJoCo warns, on the terminal, of each that differs."""
     for mine, its in ((scene.option, child.option), (scene.stat, child.stat)):
         _copy(mine, its)
     for part in ("map", "quality", "scale", "rgba", "headlight", "global_"):
         _copy(getattr(scene.visual, part), getattr(child.visual, part))
     for name in ("njmax", "nconmax", "nkey", "memory", "nuserdata", "nstack", "nemax"):
         setattr(child, name, getattr(scene, name))
-    frame = scene.worldbody.add_frame()
-    scene.attach(child, prefix=prefix, frame=frame)
-    return frame
 
 
 def _copy(source: Any, target: Any) -> None:
-    """Copy all values: MuJoCo warns, on the terminal, of each one that differs."""
+    """Copy all values."""
     for name in dir(source):
         if not name.startswith("_") and not callable(value := getattr(source, name)):
             setattr(target, name, value)

@@ -98,7 +98,7 @@ def _rendering(seconds: float) -> dict[str, Any]:
 
     scenario = Scenario()
     simulation = Simulation(scenario)
-    poses = [simulation.T_world_robot(robot) @ simulation.T_body_camera for robot in simulation.robots]
+    poses = [simulation.T_world_robot(robot) @ simulation.mount(robot) for robot in simulation.robots]
     camera = Panorama(scenario.width, scenario.height)
     with PanoramaRenderer(simulation.model, camera, simulation.person_of_geom.astype(np.uint16)) as renderer:
         information = renderer.information

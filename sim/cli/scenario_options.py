@@ -31,6 +31,8 @@ class SceneOptions:
     """Number of rovers, each with a panoramic camera."""
     people: Whole = None
     """Number of people, in all."""
+    robot: Annotated[str | None, unset("NAME|FILE.xml,...", "rover")] = None
+    """Robots in place of rovers, one after another: names of MuJoCo Menagerie or MJCF files, as rover,unitree_go2,my_drone.xml:motion=thrust."""
 
 
 USUAL = SceneOptions("pilsun", 0.5, 4, 10)

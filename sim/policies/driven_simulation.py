@@ -93,7 +93,7 @@ class PolicySimulation(Simulation):
         """Update the beliefs with what the cameras see."""
         position = self.crowd_state.position
         people = np.column_stack([position, self.world.terrain.height_at(position), self.stature])
-        cameras = np.array([(self.T_world_robot(name) @ self.T_body_camera).translation for name in self.robots])
+        cameras = np.array([(self.T_world_robot(name) @ self.mount(name)).translation for name in self.robots])
         seen = visibility.seen_share(self._place.elevation, cameras, people, self._config.visibility_limits)
         mast = cameras.copy()
         mast[:, 2] = np.maximum(cameras[:, 2] - self._place.floor_at(cameras[:, :2]), 0.2)

@@ -50,7 +50,7 @@ def mounted_rigs(simulation: Simulation, setup: Setup) -> list[MountedRig]:
     """The rigs of all rovers and fixed cameras."""
     scenario = simulation.scenario
     own = rig_of(scenario.camera, scenario.width)
-    out = [MountedRig(f"{robot}_camera", robot, own, simulation.T_body_camera) for robot in simulation.robots]
+    out = [MountedRig(f"{robot}_camera", robot, own, simulation.mount(robot)) for robot in simulation.robots]
     for name in setup.starts:
         if name not in simulation.robots:
             if scenario.view_camera:

@@ -60,7 +60,7 @@ def make_setup(simulation: Simulation, fixed: Mapping[str, FixedCamera] | None =
         error = Pose.exp(rng.normal(0.0, START_SIGMA))
         starts[robot] = Start(simulation.T_world_robot(robot) @ error, np.diag(START_SIGMA**2))
     mounts = {
-        f"{robot}_camera{view.suffix}": Mount(view.camera, simulation.T_body_camera @ view.T_rig_view, robot, *_exposed(scenario, rig, view))
+        f"{robot}_camera{view.suffix}": Mount(view.camera, simulation.mount(robot) @ view.T_rig_view, robot, *_exposed(scenario, rig, view))
         for robot in simulation.robots
         for view in rig.views
     }

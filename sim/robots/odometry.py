@@ -31,6 +31,11 @@ ACCELEROMETER_BIAS = 0.009 * 9.81
 """m/s², one sigma an axis: a quarter of the MPU-6050's offset change of ±35 mg from 0 to 70 °C, after calibration at standstill."""
 ACCELEROMETER_SCALE = 0.01
 """One sigma of the accelerometer's scale factor, a third of ±3 %."""
+LEG_DRIFT, VISUAL_DRIFT = 0.02, 0.008
+"""Error over the way, one sigma: of legs' kinematics and an IMU (Bloesch et al. 2013, IROS: some per cent on slippery ground; Wisth et al. 2022,
+VILENS: 1 to 2 %), and of cameras and an IMU (Geneva et al. 2020, OpenVINS: 0.5 to 1 % on EuRoC)."""
+MOVED_NOISE = 0.002
+"""m: error of a frame's translation that does not grow with it."""
 RESIDUAL_ACCELERATION = 0.15
 """Share of the true acceleration that a complementary filter leaves in its estimate of the vertical."""
 _TYPICAL_ACCELERATION = 0.5
@@ -82,10 +87,24 @@ class FrameMotion:
         object.__setattr__(self, "wheels", frozen(self.wheels, (2, 4), "wheels"))
 
 
+def measure_moved(motion: FrameMotion, moved: Array, systematic: SystematicErrors, drift: float, rng: np.random.Generator) -> Odometry:
+    """Odometry of a robot without wheels: rotation from the gyroscope, translation by its legs or cameras, which is off by a share of the way.
+
+    moved: (3,) m, in the body frame before. drift: one of LEG_DRIFT, VISUAL_DRIFT. The share is as systematic as a rover's wheel radius.
+    """
+    R = _measured_rotation(motion, systematic, rng)
+    turn, period, distance = Pose(R, np.zeros(3)).log()[3:], motion.dt * len(motion.rates), float(np.linalg.norm(moved))
+    scale = 1 + (systematic.radius.mean() - 1) * drift / RADIUS_ERROR
+    random = MOVED_NOISE + 0.5 * drift * distance
+    told = scale * moved + rng.normal(0.0, random, 3)
+    along = np.hypot(random, 1.5 * drift * distance) * np.ones(3)
+    about = np.sqrt(np.diag(covariance(distance, turn, period))[3:])
+    return Odometry(Pose(R, told), np.diag(np.concatenate([along, about]) ** 2), *_gravity(motion, systematic, rng))
+
+
 def measure(motion: FrameMotion, systematic: SystematicErrors, rng: np.random.Generator) -> Odometry:
     """Odometry of one frame: rotation from the gyroscope, translation from the mean of the wheels along the heading at half the rotation."""
-    noise = rng.normal(0.0, GYRO_NOISE / math.sqrt(motion.dt), motion.rates.shape)
-    R = _integrate_rotation((motion.rates * systematic.gyro_scale + systematic.gyro_bias + noise) * motion.dt)
+    R = _measured_rotation(motion, systematic, rng)
     turn = Pose(R, np.zeros(3)).log()[3:]
     count = 2 * math.pi / ENCODER_COUNTS
     turned = np.floor(motion.wheels / count) * count
@@ -93,12 +112,24 @@ def measure(motion: FrameMotion, systematic: SystematicErrors, rng: np.random.Ge
     distance = float((WHEEL_RADIUS * systematic.radius * left_right).mean())
     move = exp_so3(turn / 2) @ np.array([distance, 0.0, 0.0])
     period = motion.dt * len(motion.rates)
+    return Odometry(Pose(R, move), covariance(distance, turn, period), *_gravity(motion, systematic, rng))
+
+
+def _measured_rotation(motion: FrameMotion, systematic: SystematicErrors, rng: np.random.Generator) -> Array:
+    """Rotation (3, 3) during a frame, by the gyroscope."""
+    noise = rng.normal(0.0, GYRO_NOISE / math.sqrt(motion.dt), motion.rates.shape)
+    return _integrate_rotation((motion.rates * systematic.gyro_scale + systematic.gyro_bias + noise) * motion.dt)
+
+
+def _gravity(motion: FrameMotion, systematic: SystematicErrors, rng: np.random.Generator) -> tuple[Array, float]:
+    """Up (3,), body frame, by the accelerometer, and its standard deviation, rad."""
+    period = motion.dt * len(motion.rates)
     # The mean over a frame has the noise bandwidth 1 / (2 period).
     accelerometer_sigma = ACCELEROMETER_NOISE / math.sqrt(2 * period)
     force = (motion.up * _GRAVITY + RESIDUAL_ACCELERATION * motion.acceleration) * systematic.accelerometer_scale + systematic.accelerometer_bias
     up = force + rng.normal(0.0, accelerometer_sigma, 3)
     sigma = math.hypot(ACCELEROMETER_BIAS, accelerometer_sigma, RESIDUAL_ACCELERATION * _TYPICAL_ACCELERATION) / _GRAVITY
-    return Odometry(Pose(R, move), covariance(distance, turn, period), up / np.linalg.norm(up), sigma)
+    return up / np.linalg.norm(up), sigma
 
 
 @njit(cache=True)

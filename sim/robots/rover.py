@@ -58,7 +58,7 @@ def add_rover(spec: mujoco.MjSpec, name: str, index: int, camera_height: float) 
     solid = {"contype": 1, "conaffinity": 3, "group": _GROUP}
     chassis.add_geom(name=f"{name}/hull", type=mujoco.mjtGeom.mjGEOM_BOX, size=(0.33, 0.19, 0.055), pos=(0, 0, 0.035), mass=15.0, rgba=paint, **solid)
     _add_trim(chassis, name, paint)
-    _add_mast(chassis, name, camera_height - WHEEL_RADIUS)
+    add_mast(chassis, name, camera_height - WHEEL_RADIUS)
     for wheel, position in zip(WHEELS, wheel_positions(), strict=True):
         _add_wheel(spec, chassis, f"{name}/{wheel}", position)
 
@@ -87,12 +87,13 @@ def _add_trim(chassis: mujoco.MjsBody, name: str, paint: tuple[float, ...]) -> N
         )
 
 
-def _add_mast(chassis: mujoco.MjsBody, name: str, centre: float) -> None:
-    """The mast and the head, whose top is HEAD_GAP below the panorama's centre at z = `centre`, body frame."""
-    top = centre - HEAD_GAP
+def add_mast(chassis: mujoco.MjsBody, name: str, centre: float, foot: float = 0.1) -> None:
+    """The mast and the head, whose top is HEAD_GAP below the panorama's centre at z = `centre`, body frame. foot: z of the mast's lower end, m."""
+    top = max(centre - HEAD_GAP, foot + 0.08)
     attributes = {"contype": 0, "conaffinity": 0, "group": _GROUP}
     capsule, cylinder = mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER
-    chassis.add_geom(name=f"{name}/mast", type=capsule, size=(0.014, 0, 0), fromto=(0, 0, 0.1, 0, 0, top - 0.06), rgba=_METAL, mass=0.5, **attributes)
+    rod = (0, 0, foot, 0, 0, top - 0.06)
+    chassis.add_geom(name=f"{name}/mast", type=capsule, size=(0.014, 0, 0), fromto=rod, rgba=_METAL, mass=0.5, **attributes)
     chassis.add_geom(name=f"{name}/head", type=cylinder, size=(0.018, 0.02, 0), pos=(0, 0, top - 0.06), rgba=_METAL, mass=0.15, **attributes)
     chassis.add_geom(name=f"{name}/lens", type=cylinder, size=(0.009, 0.02, 0), pos=(0, 0, top - 0.02), rgba=_LENS, mass=0.05, **attributes)
     # The mast is thin. An invisible thicker rod collides in its place.
@@ -100,7 +101,7 @@ def _add_mast(chassis: mujoco.MjsBody, name: str, centre: float) -> None:
         name=f"{name}/mast_guard",
         type=capsule,
         size=(0.05, 0, 0),
-        fromto=(0, 0, 0.2, 0, 0, top - 0.06),
+        fromto=(0, 0, foot + 0.1, 0, 0, top - 0.06),
         mass=0.0,
         contype=1,
         conaffinity=3,

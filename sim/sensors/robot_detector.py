@@ -41,7 +41,7 @@ class RobotDetector:
         others = list(dict.fromkeys(other.robot for other in self._mounts.values() if other.robot != mount.robot))
         error, found = rng.normal(0.0, self._noise, (len(others), 2)), rng.random(len(others)) >= self._misses
         pose = simulation.T_world_robot(mount.robot) @ mount.T_body_camera
-        targets = np.array([(simulation.T_world_robot(robot) @ simulation.T_body_camera).translation for robot in others]).reshape(-1, 3)
+        targets = np.array([(simulation.T_world_robot(robot) @ simulation.mount(robot)).translation for robot in others]).reshape(-1, 3)
         found &= mount.camera.pixels_from_bearings(pose.inverse().apply(targets))[1]
         found[found] = self._raycaster.first_hit(pose.translation, targets[found])[1]
         sight = pose.inverse().apply(targets[found])

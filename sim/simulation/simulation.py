@@ -18,9 +18,12 @@ from sim.pedestrian.skeleton import sitting_poses, with_sitters
 from sim.pedestrian.umbrella import KIND, add_umbrella, umbrella_places, with_raised_arms
 from sim.robots import driving, odometry, rover
 from sim.robots.driving import DriveState, Motion, Pilot, Traffic
+from sim.robots.robot_choice import ROVER, THRUST, WHEELS, parse_robots
+from sim.robots.user_robot import UserRobot, encoder_wheels, load_robot, wheel_commands
 from sim.scenario import LAMPS, VARIED_CLOTHING, Scenario
 from sim.simulation import lighting
 from sim.simulation.frame_history import FrameHistory, StepStates
+from sim.simulation.guided_robots import GuidedRobots
 from sim.simulation.initial_states import InitialStates, clear_of_robots, draw_places, draw_robots, make_crowd, resting_pose
 from tracker.geometry import Array, Ints, Pose, rotation_from_quaternion
 from tracker.types import Odometry
@@ -44,6 +47,13 @@ def world_of(scenario: Scenario) -> World:
     return furnished(catalogue.build(scenario.world, scenario.stream("world"), scenario.difficulty), scenario)
 
 
+def fleet_of(scenario: Scenario) -> dict[int, UserRobot]:
+    """Index of a robot → the robot of a user in place of a rover. The names of the scenario repeat. Raises ValueError as load_robot."""
+    chosen = parse_robots(scenario.robot) if scenario.robot else ()
+    named = {i: chosen[i % len(chosen)] for i in range(scenario.robots if chosen else 0)}
+    return {i: load_robot(choice) for i, choice in named.items() if choice.source != ROVER}
+
+
 def furnished(world: World, scenario: Scenario) -> World:
     """A world with the distractors, seats and façades of a scenario. Raises ValueError where they do not fit in."""
     world = with_distractors(world, scenario.stream("world/distractors"), scenario.distractors)
@@ -59,7 +69,8 @@ def furnished(world: World, scenario: Scenario) -> World:
 class Snapshot:
     """State of a simulation.
 
-    frame; data: the whole scene. moving: the physics model. people: crowd, footing, gaze, joints. robots: drivers, commands, odometry.
+    frame; data: the whole scene. moving: the physics model. people: crowd, footing, gaze, joints.
+    robots: drivers, commands, odometry, courses of guided ones.
     streams: states of the random streams of the odometry.
     """
 
@@ -67,7 +78,7 @@ class Snapshot:
     data: mujoco.MjData
     moving: mujoco.MjData
     people: tuple[CrowdState, gait.Footing, Array, Array]
-    robots: tuple[tuple[DriveState, ...], Array, dict[str, Odometry]]
+    robots: tuple[tuple[DriveState, ...], Array, dict[str, Odometry], dict[int, tuple[float, ...]]]
     streams: tuple[Any, ...]
 
 
@@ -95,7 +106,7 @@ class Simulation:
             start.check(scenario)
         self._paths, self._start = paths, start
         self.all_persons: Ints = np.arange(1, scenario.people + 1) if paths is None else paths.ids
-        self.T_body_camera = rover.camera_mount(scenario.camera_height)
+        self._fleet = fleet_of(scenario)
         self.frame = 0
         self.keep_steps = False
         self._steps: list[tuple[Array, Array]] = []
@@ -111,6 +122,7 @@ class Simulation:
         self._physics = self._rovers_and_colliders().compile()
         self._physics_data = mujoco.MjData(self._physics)
         self._index()
+        self._guided = GuidedRobots(self._fleet, self._physics, self.world.terrain, scenario.camera_height)
         self._place_rovers()
         self._place_people(people)
         self._settle_rovers()
@@ -128,7 +140,7 @@ class Simulation:
 
     def step(self) -> None:
         """Advance by one frame period."""
-        before = self._data.qpos[self._wheel_qpos].copy()
+        before, poses = self.wheel_angles(), {name: self.T_world_robot(name) for name in self.robots}
         velocity = self._data.qvel[self._velocities].copy()
         rates = []
         self._copy_state(self._data, self._physics_data)
@@ -145,7 +157,7 @@ class Simulation:
             qpos = [position for position, _ in self._steps]
             self._history = FrameHistory(float(self._physics.opt.timestep), qpos, people, (head_yaw, self._gaze), self._corrected)
         self._posed = False
-        self._measure_odometry(np.concatenate(rates), before, velocity)
+        self._measure_odometry(np.concatenate(rates), before, velocity, poses)
 
     @property
     def drives(self) -> tuple[DriveState, ...]:
@@ -205,6 +217,13 @@ class Simulation:
         qpos = (self._data if data is None else data).qpos[self._poses[self.robots.index(name)]]
         return Pose(rotation_from_quaternion(qpos[3:]), qpos[:3])
 
+    def mount(self, name: str) -> Pose:
+        """T_body_camera of the panorama of a robot. Raises ValueError for a name that is not in `robots`."""
+        if name not in self.robots:
+            raise ValueError(f"robot is {name!r}, needs one of {self.robots}")
+        robot = self._fleet.get(self.robots.index(name))
+        return rover.camera_mount(self.scenario.camera_height) if robot is None else robot.mount(self.scenario.camera_height)
+
     @property
     def persons(self) -> Ints:
         """Ids (m,) of the people who are present. The id of a person who has left is not reused."""
@@ -230,8 +249,14 @@ class Simulation:
         return dict(self._odometry)
 
     def wheel_angles(self) -> Array:
-        """Total angles (robots, 4) rad of the wheels, in the order of rover.WHEELS."""
-        return self._data.qpos[self._wheel_qpos].copy()
+        """Total angles (robots, 4) rad of the wheels, in the order of rover.WHEELS; of another robot those of wheels as large as a rover's."""
+        return self._wheels_of(self._data.qpos[None])[0]
+
+    def _wheels_of(self, qpos: Array) -> Array:
+        """Wheel angles (n, robots, 4) rad in states qpos (n, nq); 0 for a robot without wheels."""
+        out = np.zeros((len(qpos), len(self.robots), len(rover.WHEELS)))
+        out[:, self._rolling] = qpos[:, self._wheel_qpos] * self._wheel_scale
+        return out
 
     def step_states(self) -> StepStates:
         """States of the rovers at the physics steps of the last frame. Raises ValueError where they were not kept (`keep_steps`)."""
@@ -240,7 +265,7 @@ class Simulation:
         qpos, qvel = (np.array(values) for values in zip(*self._steps, strict=True))
         poses, velocities = qpos[:, self._poses], qvel[:, self._velocities]
         timestep, gravity = float(self._physics.opt.timestep), np.array(self._physics.opt.gravity)
-        return StepStates(timestep, gravity, poses[..., :3], poses[..., 3:], velocities, qpos[:, self._wheel_qpos])
+        return StepStates(timestep, gravity, poses[..., :3], poses[..., 3:], velocities, self._wheels_of(qpos))
 
     def tipped(self) -> dict[str, bool]:
         """Whether each rover leans by more than 45 degrees."""
@@ -251,7 +276,7 @@ class Simulation:
         data = copy.copy(self.data)
         streams = tuple(rng.bit_generator.state for rng in self._noise)
         people = (self._crowd_state, self._footing, self._gaze, self._joints)
-        robots = (tuple(self._drives), self._ctrl.copy(), dict(self._odometry))
+        robots = (tuple(self._drives), self._ctrl.copy(), dict(self._odometry), self._guided.save())
         return Snapshot(self.frame, data, copy.copy(self._physics_data), people, robots, streams)
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -263,7 +288,8 @@ class Simulation:
         self._posed = True
         mujoco.mj_copyData(self._physics_data, self._physics, snapshot.moving)
         self._crowd_state, self._footing, self._gaze, self._joints = snapshot.people
-        drives, ctrl, odometry_now = snapshot.robots
+        drives, ctrl, odometry_now, guided = snapshot.robots
+        self._guided.restore(guided)
         self._drives, self._ctrl, self._odometry = list(drives), ctrl.copy(), dict(odometry_now)
         for rng, state in zip(self._noise, snapshot.streams, strict=True):
             rng.bit_generator.state = state
@@ -293,7 +319,10 @@ class Simulation:
         """The world with rovers and with the colliders of people."""
         spec = self.world.spec.copy()
         for i, name in enumerate(self.robots):
-            rover.add_rover(spec, name, i, self.scenario.camera_height)
+            if i in self._fleet:
+                self._fleet[i].add_to(spec, name, self.scenario.camera_height)
+            else:
+                rover.add_rover(spec, name, i, self.scenario.camera_height)
         for person, stature in zip(self.all_persons, self.stature, strict=True):
             clothing.add_collider(spec, f"person_{person}", float(stature))
         self._crowd_steps, self._substeps = self.scenario.crowd_steps, self.scenario.substeps
@@ -309,13 +338,10 @@ class Simulation:
     def _index(self) -> None:
         """Addresses of rovers and people in MuJoCo's arrays."""
         m = self.model
-        joint = [[m.joint(name).id for name in (robot, *(f"{robot}/{wheel}" for wheel in rover.WHEELS))] for robot in self.robots]
-        joints = np.array(joint, dtype=np.int64).reshape(-1, 1 + len(rover.WHEELS))
-        self._poses = m.jnt_qposadr[joints[:, 0]][:, None] + np.arange(7)
-        self._velocities = m.jnt_dofadr[joints[:, 0]][:, None] + np.arange(6)
-        self._wheel_qpos = m.jnt_qposadr[joints[:, 1:]]
-        motors = [[m.actuator(f"{robot}/{wheel}").id for wheel in rover.WHEELS] for robot in self.robots]
-        self._motors = np.array(motors, dtype=np.int64).reshape(-1, len(rover.WHEELS))
+        joints = np.array([m.joint(robot).id for robot in self.robots], dtype=np.int64)
+        self._poses = m.jnt_qposadr[joints][:, None] + np.arange(7)
+        self._velocities = m.jnt_dofadr[joints][:, None] + np.arange(6)
+        self._index_wheels()
         limbs = [[m.body(f"person_{p}/{limb}").mocapid[0] for limb in (*skeleton.LIMBS, "collider")] for p in self.all_persons]
         mocap = np.array(limbs, dtype=np.int64).reshape(-1, len(skeleton.LIMBS) + 1)
         self._limbs, self._colliders = mocap[:, :-1], mocap[:, -1]
@@ -328,6 +354,23 @@ class Simulation:
         self._groups = m.geom_group.copy()
         self._umbrella_of_geom = np.array([int(name.removeprefix(KIND)) if name.startswith(KIND) else 0 for name in names], dtype=np.int64)
 
+    def _index_wheels(self) -> None:
+        """Robots that roll, the addresses (k, 4) of their wheels with the rover's wheel in the unit of each, and all motors (m,)."""
+        rolling, wheels, scale, motors = [], [], [], []
+        for i, robot in enumerate(self.robots):
+            user = self._fleet.get(i)
+            if user is not None and user.motion != WHEELS:
+                continue
+            counted = [] if user is None else encoder_wheels(user)
+            rolling.append(i)
+            wheels.append([f"{robot}/{name}" for name in (rover.WHEELS if user is None else [wheel.joint for wheel in counted])])
+            scale.append([1.0] * len(rover.WHEELS) if user is None else [wheel.sign * wheel.radius / rover.WHEEL_RADIUS for wheel in counted])
+            motors += wheels[-1] if user is None else [f"{robot}/servo/{wheel.joint}" for wheel in user.wheels]
+        joints = np.array([[self.model.joint(name).id for name in names] for names in wheels], dtype=np.int64).reshape(-1, len(rover.WHEELS))
+        self._rolling, self._wheel_qpos = np.array(rolling, dtype=np.int64), self.model.jnt_qposadr[joints]
+        self._wheel_scale = np.array(scale).reshape(-1, len(rover.WHEELS))
+        self._motors = np.array([self.model.actuator(name).id for name in motors], dtype=np.int64)
+
     def _place_rovers(self) -> None:
         """Place the rovers on the ground, and give each a driver and its sensor errors."""
         if self._start is None:
@@ -336,13 +379,42 @@ class Simulation:
             drivers: Sequence[Pilot] = [driving.make_driver(room, self.scenario.stream(f"{name}/goals"), self.scenario.speed) for name in self.robots]
         else:
             robots, drivers = self._start.robots, self._start.drivers
-        for index, row in zip(self._poses, robots, strict=True):
-            self._data.qpos[index] = resting_pose(self.world.terrain, row[:2], float(row[2]))
+        for i, (index, row) in enumerate(zip(self._poses, robots, strict=True)):
+            self._data.qpos[index] = self._resting_pose(i, row)
         self.set_drivers(drivers, [driver.start(row[:2]) for driver, row in zip(drivers, robots, strict=True)])
         self._ctrl = np.zeros(self._motors.shape)
         self._systematic_errors = [odometry.SystematicErrors.draw(self.scenario.stream(f"{name}/wear")) for name in self.robots]
         self._noise = [self.scenario.stream(f"{name}/odometry") for name in self.robots]
         self._odometry = {}
+
+    def _resting_pose(self, robot: int, row: Array) -> Array:
+        """Position and quaternion (7,) of a robot at x, y m and yaw rad, `row` (3,)."""
+        if robot in self._guided:
+            return self._guided.start(robot, row[:2], float(row[2]))
+        user = self._fleet.get(robot)
+        pose = resting_pose(self.world.terrain, row[:2], float(row[2]))
+        if user is not None:
+            pose[2] += user.height - rover.WHEEL_RADIUS + 0.01
+        return pose
+
+    def _physics_step(self) -> None:
+        """Advance the physics by one step, with the robots that are guided."""
+        data, dt = self._physics_data, float(self._physics.opt.timestep)
+        self._guided.remember(data)
+        self._guided.before(data, self._drives, dt)
+        mujoco.mj_step(self._physics, data)
+        self._guided.after(data, dt)
+
+    def _wheel_goals(self, yaw_rate: Array) -> Array:
+        """Wheel speeds (m,) rad/s of all motors for the drivers' commands; yaw_rate (robots,) rad/s is what gyroscopes measure."""
+        goals = [np.zeros(0)]
+        for i in self._rolling.tolist():
+            drive, user = self._drives[i], self._fleet.get(i)
+            if user is None:
+                goals.append(rover.wheel_speeds(drive.speed, drive.yaw_rate, yaw_rate[i]))
+            else:
+                goals.append(wheel_commands(user, drive.speed, drive.yaw_rate, float(yaw_rate[i])))
+        return np.concatenate(goals)
 
     def _place_people(self, people: list[np.random.Generator]) -> None:
         """Place the people and their colliders."""
@@ -371,7 +443,7 @@ class Simulation:
     def _settle_rovers(self) -> None:
         self._copy_state(self._data, self._physics_data)
         for _ in range(round(SETTLING_TIME / self._physics.opt.timestep)):
-            mujoco.mj_step(self._physics, self._physics_data)
+            self._physics_step()
         self._physics_data.qvel[:] = 0.0
         self._physics_data.time = 0.0
         self._copy_state(self._physics_data, self._data)
@@ -423,15 +495,15 @@ class Simulation:
             traffic = Traffic(np.concatenate([others, people]), radius)
             motion = Motion(position[i], float(np.arctan2(heading[i, 1], heading[i, 0])), float(heading[i, 2]), float(yaw_rate[i]))
             self._drives[i] = driver.step(self._drives[i], motion, traffic, self._dt)
-        goal = np.array([rover.wheel_speeds(d.speed, d.yaw_rate, w) for d, w in zip(self._drives, yaw_rate, strict=True)]).reshape(self._motors.shape)
+        goal = self._wheel_goals(yaw_rate)
         before, self._ctrl = self._ctrl, goal
         ctrl, qvel = self._physics_data.ctrl, self._physics_data.qvel
         commands, velocities = np.tile(ctrl, (self._substeps, 1)), np.empty((self._substeps, len(qvel)))
-        share = np.arange(1, self._substeps + 1)[:, None, None] / self._substeps
+        share = np.arange(1, self._substeps + 1)[:, None] / self._substeps
         commands[:, self._motors] = before + (goal - before) * share
         for k in range(self._substeps):
             ctrl[:] = commands[k]
-            mujoco.mj_step(self._physics, self._physics_data)
+            self._physics_step()
             velocities[k] = qvel
             if self.keep_steps:
                 self._steps.append((self._physics_data.qpos.copy(), qvel.copy()))
@@ -481,11 +553,18 @@ class Simulation:
         out[~present, ..., 2] -= PARKING_DEPTH
         return out
 
-    def _measure_odometry(self, rates: Array, wheels: Array, velocity: Array) -> None:
-        """Measure the odometry of the frame that has just ended."""
+    def _measure_odometry(self, rates: Array, wheels: Array, velocity: Array, poses: dict[str, Pose]) -> None:
+        """Measure the odometry of the frame that has just ended. wheels, velocity, poses: before it."""
+        angles_now = self.wheel_angles()
         acceleration = (self._data.qvel[self._velocities[:, :3]] - velocity[:, :3]) / self.scenario.period
         for i, name in enumerate(self.robots):
             R = self.T_world_robot(name).rotation
-            angles = np.stack([wheels[i], self._data.qpos[self._wheel_qpos[i]]])
+            angles = np.stack([wheels[i], angles_now[i]])
             motion = odometry.FrameMotion(rates[:, i], self.model.opt.timestep, angles, R.T @ acceleration[i], R[2])
-            self._odometry[name] = odometry.measure(motion, self._systematic_errors[i], self._noise[i])
+            errors, rng = self._systematic_errors[i], self._noise[i]
+            if i in self._guided:
+                moved = (poses[name].inverse() @ self.T_world_robot(name)).translation
+                drift = odometry.VISUAL_DRIFT if self._fleet[i].motion == THRUST else odometry.LEG_DRIFT
+                self._odometry[name] = odometry.measure_moved(motion, moved, errors, drift, rng)
+            else:
+                self._odometry[name] = odometry.measure(motion, errors, rng)

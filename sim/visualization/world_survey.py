@@ -118,7 +118,7 @@ def preview(scenario: Scenario, world: World, path: Path) -> Measures:
     simulation = Simulation(scenario, world)
     for _ in range(12):
         simulation.step()
-    eyes = [simulation.T_world_robot(robot) @ simulation.T_body_camera for robot in simulation.robots]
+    eyes = [simulation.T_world_robot(robot) @ simulation.mount(robot) for robot in simulation.robots]
     # The panorama is that of the robot that sees most people. Under a roof, the view of another robot replaces the view from above.
     with PanoramaRenderer(simulation.model, [PANORAMA, OVERHEAD_CAMERA], simulation.person_of_geom.astype(np.uint16)) as renderer:
         shots = renderer.render(simulation.data, eyes)

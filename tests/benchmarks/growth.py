@@ -71,7 +71,7 @@ def drawn(people: int, width: int, cameras: int = 4) -> dict[str, float]:
     """Processor time of a panorama with truth, ms, and of a step of a frame."""
     # Crowds of more than 100 do not fit into pilsun.
     simulation = Simulation(Scenario(people=people, world="pilsun" if people <= 100 else "campus"))
-    robots = [simulation.T_world_robot(robot) @ simulation.T_body_camera for robot in simulation.robots]
+    robots = [simulation.T_world_robot(robot) @ simulation.mount(robot) for robot in simulation.robots]
     poses = [robots[k % len(robots)] for k in range(cameras)]
     with PanoramaRenderer(simulation.model, Panorama(width, width // 2), simulation.person_of_geom.astype(np.uint16)) as renderer:
 

@@ -122,7 +122,7 @@ def compare_renderers(backend: str) -> None:
     for people in (10, 74):
         # pilsun has no room for 200 people.
         simulation = Simulation(Scenario(people=people, world="pilsun" if people <= 100 else "campus"))
-        poses = [simulation.T_world_robot(robot) @ simulation.T_body_camera for robot in simulation.robots]
+        poses = [simulation.T_world_robot(robot) @ simulation.mount(robot) for robot in simulation.robots]
         owners = simulation.person_of_geom.astype(np.uint16)
         peer = Faces(simulation, SIDE)
         pose = poses[0]
@@ -151,7 +151,7 @@ def rates() -> None:
     for people, width in [*((n, 1024) for n in PEOPLE), *((10, w) for w in SIZES)]:
         # pilsun has no room for 200 people.
         simulation = Simulation(Scenario(people=people, world="pilsun" if people <= 100 else "campus"))
-        poses = [simulation.T_world_robot(robot) @ simulation.T_body_camera for robot in simulation.robots]
+        poses = [simulation.T_world_robot(robot) @ simulation.mount(robot) for robot in simulation.robots]
         owners, ids = simulation.person_of_geom.astype(np.uint16), simulation.persons.tolist()
         with PanoramaRenderer(simulation.model, Panorama(width, width // 2), owners) as renderer:
             drawn = milliseconds(lambda: renderer.render(simulation.data, poses), 2) / len(poses)  # noqa: B023

@@ -22,7 +22,7 @@ ROUNDS = 20
 def work(seed: int) -> tuple[float, float, float]:
     """Start and end time of ROUNDS x 4 panoramas, s, and peak memory, GiB, of one worker."""
     simulation = Simulation(Scenario(seed=seed))
-    poses = [simulation.T_world_robot(robot) @ simulation.T_body_camera for robot in simulation.robots]
+    poses = [simulation.T_world_robot(robot) @ simulation.mount(robot) for robot in simulation.robots]
     ids = simulation.persons.tolist()
     with PanoramaRenderer(simulation.model, Panorama(1024, 512), simulation.person_of_geom.astype(np.uint16)) as renderer:
         renderer.unoccluded(simulation.data, poses, ids)

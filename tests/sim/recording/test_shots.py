@@ -81,7 +81,7 @@ def test_every_row_is_that_of_rays_from_its_own_pose_and_time() -> None:
     for row in rows:
         first, end, time = int(row[2]), int(row[3]), float(row[4])
         data = simulation.past(frame.tick.index * MOVING.period - time)
-        pose = simulation.T_world_robot("robot_0", data) @ simulation.T_body_camera @ lens.T_rig_view
+        pose = simulation.T_world_robot("robot_0", data) @ simulation.mount("robot_0") @ lens.T_rig_view
         np.testing.assert_allclose(pose.translation, row[5:8], atol=1e-12)
         moved = max(moved, float(np.linalg.norm(pose.translation - true[name].T_world_camera.translation)))
         geom, distance = cast(simulation.model, data, lens.camera, pose)

@@ -54,7 +54,7 @@ def test_every_world_is_drawn_as_rays_see_it(name: str, difficulty: float) -> No
 def test_people_and_robots_are_drawn_as_rays_see_them_near_and_far() -> None:
     simulation = Simulation(Scenario(people=12, robots=3, seed=2))
     owners = (simulation.person_of_geom + 100 * simulation.robot_of_geom).astype(np.uint16)
-    poses = [simulation.T_world_robot(robot) @ simulation.T_body_camera for robot in simulation.robots]
+    poses = [simulation.T_world_robot(robot) @ simulation.mount(robot) for robot in simulation.robots]
     with PanoramaRenderer(simulation.model, CAMERA, owners) as renderer:
         for pose, shot in zip(poses, renderer.render(simulation.data, poses), strict=True):
             check(compare(shot, owners, *cast(simulation.model, simulation.data, CAMERA, pose)))

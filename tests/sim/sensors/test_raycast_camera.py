@@ -81,7 +81,7 @@ def test_sightings_point_at_unoccluded_landmarks() -> None:
     simulation = Simulation(replace(SCENARIO, people=4), world=yard())
     lines = RaycastCamera(simulation, LandmarkSensor(identified=True, outlier_rate=0.0, miss_rate=0.0))
     assert len(lines.landmarks) == 300
-    pose = simulation.T_world_robot("robot_0") @ simulation.T_body_camera
+    pose = simulation.T_world_robot("robot_0") @ simulation.mount("robot_0")
     seen = lines.sightings(pose, np.random.default_rng(1))
     assert 40 < len(seen) < 300
     away = lines.landmarks[seen.subject] - pose.translation

@@ -38,7 +38,7 @@ def test_a_rover_is_detected_if_nothing_occludes_it() -> None:
     seen = hidden = 0
     for _ in range(12):
         simulation.step()
-        poses = {robot: simulation.T_world_robot(robot) @ simulation.T_body_camera for robot in simulation.robots}
+        poses = {robot: simulation.T_world_robot(robot) @ simulation.mount(robot) for robot in simulation.robots}
         for robot, pose in poses.items():
             found = robot_detector.detect(f"{robot}_camera")
             assert found is not None

@@ -150,7 +150,7 @@ def test_frame_0_is_at_rest_and_has_no_odometry(small):
     assert small.time == 0
     # The rovers have settled: level ground would have the camera at its height.
     for name in small.robots:
-        camera = (small.T_world_robot(name) @ small.T_body_camera).translation
+        camera = (small.T_world_robot(name) @ small.mount(name)).translation
         T = small.T_world_robot(name)
         below = T.translation - 0.12 * T.rotation[:, 2]
         assert abs(below[2] - small.world.ground.height_at(below[None])[0]) < 0.03

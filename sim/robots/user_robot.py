@@ -1,0 +1,316 @@
+"""Robots of a user: any MJCF, attached to a scene with a body of ours around it, and how it moves, stands and sees.
+
+The body `robot_N` has the pose that the truth tells: x forward, y left, z up, at the origin of the robot's own root body.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sim.robots import rover
+from sim.robots.robot_choice import BASE, THRUST, WHEELS, RobotChoice
+from tracker.geometry import Array, Pose
+from worlds.attachment import read_model, take_options
+from worlds.engine import mujoco
+from worlds.triangles import geom_triangles
+
+WIDEST = 1.1
+"""m: a wider robot does not pass where free space for wheels is."""
+DRAWN, HIDDEN = 3, 4
+"""Groups of the geoms of robots."""
+FLYING = re.compile("prop|rotor|drone|quad(rotor|copter)|thrust", re.IGNORECASE)
+GAP = 0.1
+"""m from the highest point of a robot up to its panorama, where neither a camera nor a site is told."""
+
+
+@dataclass(frozen=True)
+class Wheel:
+    """A wheel on a fixed axle: name of its joint, its centre x, y m in the body, radius m; sign of its turn for driving ahead."""
+
+    joint: str
+    x: float
+    y: float
+    radius: float
+    sign: float
+
+
+@dataclass(frozen=True)
+class Leg:
+    """A leg: hip and knee, joints that swing it fore and aft; signs of the turns that swing it back, and that lift the foot; phase in [0, 1)."""
+
+    hip: str
+    knee: str
+    back: float
+    lift: float
+    phase: float
+
+
+@dataclass(frozen=True, eq=False)
+class UserRobot:
+    """A robot of a user at rest.
+
+    rest: joint → position. height: m of the body's origin over level ground. top: m of its highest point over the origin. mass: kg.
+    feet (4, 2) m: corners of the rectangle on which it stands. T_body_camera is None where no camera was told: a mast carries it.
+    """
+
+    choice: RobotChoice
+    path: Path
+    root: str
+    motion: str
+    rest: dict[str, float]
+    height: float
+    top: float
+    mass: float
+    feet: Array
+    told_camera: Pose | None
+    wheels: tuple[Wheel, ...] = ()
+    legs: tuple[Leg, ...] = ()
+    drawn: frozenset[int] = field(default_factory=frozenset)
+
+    def mount(self, camera_height: float) -> Pose:
+        """T_body_camera of the panorama: as told, or `camera_height` m over the ground, and over the robot in any case. A flying one flies there."""
+        if self.told_camera is not None:
+            return self.told_camera
+        up = self.top + GAP if self.motion == THRUST else max(camera_height - self.height, self.top + GAP)
+        return Pose(np.eye(3), np.array([0.0, 0.0, up]))
+
+    def hover(self, camera_height: float) -> float:
+        """m over the ground at which the origin of a flying robot is, its camera at `camera_height`."""
+        return max(camera_height - float(self.mount(camera_height).translation[2]), 0.3)
+
+    def add_to(self, spec: mujoco.MjSpec, name: str, camera_height: float) -> None:
+        """Add the robot to the world body of `spec` as the body and free joint `name`; its own names have the prefix `name/`."""
+        child = read_model(self.path)
+        _strip(child, self)
+        take_options(spec, child)
+        body = spec.worldbody.add_body(name=name)
+        # MuJoCo wants mass where there is a joint.
+        body.explicitinertial, body.mass, body.inertia = True, 1e-4, np.full(3, 1e-7)
+        body.add_freejoint(name=name)
+        frame = body.add_frame()
+        frame.attach_body(child.body(self.root), f"{name}/", "")
+        if self.told_camera is None and self.motion != THRUST:
+            rover.add_mast(body, name, float(self.mount(camera_height).translation[2]), max(self.top - 0.05, 0.0))
+        for wheel in self.wheels:
+            servo = spec.add_actuator(name=f"{name}/servo/{wheel.joint}", trntype=mujoco.mjtTrn.mjTRN_JOINT, target=f"{name}/{wheel.joint}")
+            # As stiff as a rover's, and twice what holds the robot on a wall, which wheels share.
+            servo.set_to_velocity(kv=3.0 * self.mass * wheel.radius)
+            most = 2 * 9.81 * self.mass * wheel.radius / len(self.wheels)
+            servo.forcelimited, servo.forcerange = mujoco.mjtLimited.mjLIMITED_TRUE, (-most, most)
+
+
+def _strip(child: mujoco.MjSpec, robot: UserRobot) -> None:
+    """Take out what our motion replaces: its own actuators and free joint; contacts of what does not roll."""
+    for part in (*child.actuators, *child.sensors):
+        child.delete(part)
+    root = child.body(robot.root)
+    for joint in list(root.joints):
+        if joint.type == mujoco.mjtJoint.mjJNT_FREE:
+            child.delete(joint)
+    root.pos = [0, 0, 0]
+    for light in list(child.lights):
+        child.delete(light)
+    for geom in child.geoms:
+        geom.group = DRAWN if geom.group in robot.drawn else HIDDEN
+        if robot.motion != WHEELS:
+            geom.contype = geom.conaffinity = 0
+    if robot.motion != WHEELS:
+        for body in root.find_all("body"):
+            body.gravcomp = 0.0 if robot.motion == THRUST else 1.0
+
+
+@lru_cache(maxsize=16)
+def load_robot(choice: RobotChoice) -> UserRobot:
+    """The robot of a choice. Raises ValueError, in one line, for what cannot be found, read, moved or seen from."""
+    path = _path(choice.source)
+    spec = read_model(path)
+    model = mujoco.MjSpec.from_file(path.as_posix()).compile()
+    data = mujoco.MjData(model)
+    if model.nkey:
+        data.qpos[:] = model.key_qpos[0]
+    mujoco.mj_forward(model, data)
+    children = [body for body in range(1, model.nbody) if model.body_parentid[body] == 0]
+    if not children:
+        raise ValueError(f"{path}: has no body, needs one that is the robot")
+    parts = [[geom for geom in range(model.ngeom) if model.body_rootid[model.geom_bodyid[geom]] == body] for body in children]
+    chosen = int(np.argmax([len(geoms) for geoms in parts]))
+    root, geoms = children[chosen], parts[chosen]
+    if not model.body(root).name:
+        raise ValueError(f"{path}: its root body has no name, needs one")
+    if model.body(root).name not in {body.name for body in spec.bodies}:
+        raise ValueError(f"{path}: root body {model.body(root).name!r} cannot be attached")
+    return _measured(choice, path, (model, data), root, geoms)
+
+
+def _path(source: str) -> Path:
+    """The file of a name or path. Raises ValueError for an unknown name, and where the menagerie cannot be reached."""
+    if Path(source).suffix:
+        if not Path(source).is_file():
+            raise ValueError(f"robot {source}: no such file")
+        return Path(source)
+    try:
+        import mujoco_menagerie
+    except ImportError:
+        raise ValueError(f"robot {source}: a name of MuJoCo Menagerie needs the extra robots: pip install 'pilsim[robots]'; or FILE.xml") from None
+    if source not in mujoco_menagerie.names():
+        import difflib
+
+        near = difflib.get_close_matches(source, mujoco_menagerie.names(), 3, 0.4)
+        raise ValueError(f"robot is {source!r}, needs rover, FILE.xml or a name of MuJoCo Menagerie{', as ' + ', '.join(near) if near else ''}")
+    try:
+        return Path(mujoco_menagerie.get(source).path())
+    # The package raises its own errors and those of the network.
+    except Exception as error:
+        where = "" if os.environ.get("MENAGERIE_ROOT") else "; MENAGERIE_ROOT names a local copy"
+        raise ValueError(f"robot {source}: cannot be fetched ({' '.join(str(error).split())[:120]}){where}") from None
+
+
+def _measured(choice: RobotChoice, path: Path, scene: tuple[Any, Any], root: int, geoms: list[int]) -> UserRobot:
+    """The robot by its geometry at rest."""
+    model, data = scene
+    drawn = _drawn_groups(model, geoms)
+    T_root = Pose(data.xmat[root].reshape(3, 3), data.xpos[root])
+    # The root's own rotation stays: what is ahead is x of the frame in which the file places it.
+    T_root = Pose(np.eye(3), T_root.translation) if not _is_free(model, root) else T_root
+    shown = [geom for geom in geoms if model.geom_group[geom] in drawn and model.geom_rgba[geom, 3] > 0]
+    if not shown:
+        raise ValueError(f"{path}: nothing of it is drawn")
+    points = np.concatenate([geom_triangles(model, data, geom).reshape(-1, 3) for geom in shown])
+    points = T_root.inverse().apply(points)
+    low, high = points.min(axis=0), points.max(axis=0)
+    if high[1] - low[1] > WIDEST:
+        wide = f"is {high[1] - low[1]:.2f} m wide, needs at most {WIDEST:g} m"
+        raise ValueError(f"{path}: {wide}: it does not fit through doors (fold its arms in a keyframe)")
+    standing = points[points[:, 2] < low[2] + 0.08 * (high[2] - low[2]) + 0.01]
+    a, b = standing[:, :2].min(axis=0), standing[:, :2].max(axis=0)
+    feet = np.array([(b[0], b[1]), (b[0], a[1]), (a[0], b[1]), (a[0], a[1])])
+    wheels = _wheels(model, data, T_root, float(low[2]), geoms)
+    names = " ".join(model.geom(g).name + model.body(int(model.geom_bodyid[g])).name for g in geoms) + path.name
+    motion = choice.motion or (WHEELS if len(wheels) >= 2 else THRUST if FLYING.search(names) else BASE)
+    if motion == WHEELS and len(wheels) < 2:
+        raise ValueError(f"{path}: has {len(wheels)} wheels on fixed lateral axles that touch the ground, needs 2 or more; tell motion=base")
+    rest = {model.joint(j).name: float(data.qpos[model.jnt_qposadr[j]]) for j in _hinges(model, root) if model.joint(j).name}
+    legs = _legs(model, data, root, float(low[2] + T_root.translation[2])) if motion == BASE else ()
+    mass = float(model.body_subtreemass[root])
+    return UserRobot(
+        choice, path, model.body(root).name, motion, rest, -float(low[2]), float(high[2]), mass, feet,
+        _told_camera(choice, path, scene, T_root), wheels if motion == WHEELS else (), legs, drawn,
+    )  # fmt: skip
+
+
+def _is_free(model: Any, body: int) -> bool:
+    first = model.body_jntadr[body]
+    return bool(first >= 0 and model.jnt_type[first] == int(mujoco.mjtJoint.mjJNT_FREE))
+
+
+def _drawn_groups(model: Any, geoms: list[int]) -> frozenset[int]:
+    """The groups of what is only drawn; those of all that MuJoCo's viewer shows where everything collides."""
+    only = {int(model.geom_group[g]) for g in geoms if not model.geom_contype[g] and not model.geom_conaffinity[g] and model.geom_group[g] < 3}
+    return frozenset(only or {0, 1, 2})
+
+
+def _hinges(model: Any, root: int) -> list[int]:
+    kinds = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+    return [j for j in range(model.njnt) if model.body_rootid[model.jnt_bodyid[j]] == root and int(model.jnt_type[j]) in kinds]
+
+
+def _wheels(model: Any, data: Any, T_root: Pose, low: float, geoms: list[int]) -> tuple[Wheel, ...]:
+    """Hinges without limits and with a lateral axle, whose body touches the ground; none where a wheel is steered by a vertical hinge above it."""
+    out = []
+    for joint in range(model.njnt):
+        axis = T_root.rotation.T @ data.xaxis[joint]
+        body = model.jnt_bodyid[joint]
+        mine = [g for g in geoms if model.geom_bodyid[g] == body]
+        if model.jnt_type[joint] != int(mujoco.mjtJoint.mjJNT_HINGE) or abs(axis[1]) < 0.95 or model.jnt_limited[joint] or not mine:
+            continue
+        if any(abs(data.xaxis[other][2]) > 0.9 for other in _hinges(model, int(model.body_rootid[body])) if _carries(model, other, int(body))):
+            return ()
+        centre = T_root.inverse().apply(data.xanchor[joint][None])[0]
+        radius = float(centre[2]) - low
+        bottom = min(float((geom_triangles(model, data, g) - T_root.translation)[..., 2].min()) for g in mine)
+        if model.joint(joint).name and abs(bottom - low) < 0.02 and radius > 0.02:
+            out.append(Wheel(model.joint(joint).name, float(centre[0]), float(centre[1]), radius, float(np.sign(axis[1]))))
+    return tuple(out)
+
+
+def _carries(model: Any, joint: int, body: int) -> bool:
+    """Whether a joint moves the body that carries `body`, or `body` itself."""
+    return model.jnt_bodyid[joint] in (body, model.body_parentid[body])
+
+
+def _legs(model: Any, data: Any, root: int, ground: float) -> tuple[Leg, ...]:
+    """Chains of hinges from the root down to a body that touches the ground: the first and the last of those with a lateral axle."""
+    legs: list[Leg] = []
+    for body in range(1, model.nbody):
+        mine = [g for g in range(model.ngeom) if model.geom_bodyid[g] == body]
+        if model.body_rootid[body] != root or not mine:
+            continue
+        if min(float(geom_triangles(model, data, g)[..., 2].min()) for g in mine) > ground + 0.03:
+            continue
+        above = body
+        chain: list[int] = []
+        while above != root:
+            first = model.body_jntadr[above]
+            chain += range(first, first + model.body_jntnum[above]) if first >= 0 else []
+            above = model.body_parentid[above]
+        swings = [j for j in chain[::-1] if abs(data.xaxis[j][1]) > 0.8 and model.joint(j).name]
+        if len(swings) >= 2 and not any(leg.hip == model.joint(swings[0]).name for leg in legs):
+            legs.append(_leg(model, data, swings, body))
+    return tuple(legs)
+
+
+def _leg(model: Any, data: Any, swings: list[int], foot: int) -> Leg:
+    """The leg of swinging joints, the hip first; diagonal legs step together."""
+    hip, knee = swings[0], swings[1]
+    bent = mujoco.MjData(model)
+    bent.qpos[:] = data.qpos
+    bent.qpos[model.jnt_qposadr[knee]] += 0.3
+    mujoco.mj_kinematics(model, bent)
+    anchor = data.xanchor[hip]
+    shorter = np.linalg.norm(bent.xpos[foot] - anchor) < np.linalg.norm(data.xpos[foot] - anchor)
+    x, y = anchor[:2] - data.xpos[model.body_rootid[foot]][:2]
+    phase = 0.5 if (y > 0) != (x > 0.05) else 0.0
+    return Leg(model.joint(hip).name, model.joint(knee).name, float(np.sign(data.xaxis[hip][1])), 1.0 if shorter else -1.0, phase)
+
+
+def _told_camera(choice: RobotChoice, path: Path, scene: tuple[Any, Any], T_root: Pose) -> Pose | None:
+    """T_body_camera of the camera or site that is told; None for none."""
+    if not choice.camera:
+        return None
+    model, data = scene
+    cameras, sites = ([get(k).name for k in range(n)] for get, n in ((model.camera, model.ncam), (model.site, model.nsite)))
+    if choice.camera in cameras:
+        k = cameras.index(choice.camera)
+        # MuJoCo's cameras look along −z with y up.
+        ours = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
+        return T_root.inverse() @ Pose(data.cam_xmat[k].reshape(3, 3) @ ours, data.cam_xpos[k])
+    if choice.camera in sites:
+        k = sites.index(choice.camera)
+        return T_root.inverse() @ Pose(data.site_xmat[k].reshape(3, 3), data.site_xpos[k])
+    known = ", ".join([name for name in (*cameras, *sites) if name][:12])
+    raise ValueError(f"{path}: has no camera or site {choice.camera[:40]!r}, has {known or 'none'}")
+
+
+
+def wheel_commands(robot: UserRobot, speed: float, yaw_rate: float, measured_yaw_rate: float) -> Array:
+    """Wheel speeds (n,) rad/s of a robot for `speed` m/s and `yaw_rate` rad/s, with feedback of the gyroscope's `measured_yaw_rate`.
+
+    Two axles skid in a turn, as rover.wheel_speeds says; two wheels do not.
+    """
+    skid = 2.0 if np.ptp([wheel.x for wheel in robot.wheels]) > 0.1 else 1.0
+    turn = skid * yaw_rate + 2.0 * (yaw_rate - measured_yaw_rate)
+    return np.array([wheel.sign * (speed - turn * wheel.y) / wheel.radius for wheel in robot.wheels])
+
+
+def encoder_wheels(robot: UserRobot) -> list[Wheel]:
+    """The wheels whose encoders count, in the order of rover.WHEELS: the front and the rear one of each side."""
+    ordered = sorted(robot.wheels, key=lambda wheel: -wheel.x)
+    left, right = ([wheel for wheel in ordered if side * wheel.y > 0] or ordered for side in (1, -1))
+    return [left[0], right[0], left[-1], right[-1]]

@@ -1,0 +1,56 @@
+"""Robots that tests write: on wheels of several kinds, and in the air."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+WHEEL = """<body name="{name}" pos="{x} {y} 0.1">{steer}<joint name="{name}" type="hinge" axis="0 1 0" damping="0.01"/>
+<geom type="cylinder" size="0.1 0.03" quat="0.7071 0.7071 0 0" mass="0.6" friction="0.9 0.01 0.001"/></body>"""
+CASTER = '<geom name="caster" type="sphere" size="0.05" pos="-0.2 0 0.05" friction="0.01 0.01 0.01" priority="1" mass="0.3"/>'
+HULL = '<geom name="hull" type="box" size="0.22 0.15 0.05" pos="0 0 0.15" mass="8" rgba="0.2 0.5 0.8 1"/>'
+
+
+def rolling(path: Path, wheels: list[tuple[str, float, float]], extra: str = "", steered: tuple[str, ...] = ()) -> str:
+    """An MJCF of a hull on wheels: name, x and y m of each. steered: wheels below a vertical hinge."""
+    turn = '<joint name="steer_{}" type="hinge" axis="0 0 1" range="-0.6 0.6" limited="true"/>'
+    bodies = "".join(WHEEL.format(name=n, x=x, y=y, steer=turn.format(n) if n in steered else "") for n, x, y in wheels)
+    site = '<site name="eye" pos="0.1 0 0.6"/>'
+    path.write_text(f'<mujoco model="cart"><worldbody><body name="cart"><freejoint/>{HULL}{site}{extra}{bodies}</body></worldbody></mujoco>')
+    return str(path)
+
+
+def differential(folder: Path) -> str:
+    """Two wheels and a caster."""
+    return rolling(folder / "differential.xml", [("left", 0.15, 0.2), ("right", 0.15, -0.2)], CASTER)
+
+
+def skid_steer(folder: Path) -> str:
+    """Four driven wheels on fixed axles."""
+    return rolling(folder / "skid.xml", [("fl", 0.2, 0.2), ("fr", 0.2, -0.2), ("rl", -0.2, 0.2), ("rr", -0.2, -0.2)])
+
+
+def ackermann(folder: Path) -> str:
+    """Two driven wheels, and two that are steered."""
+    wheels = [("fl", 0.2, 0.2), ("fr", 0.2, -0.2), ("rl", -0.2, 0.2), ("rr", -0.2, -0.2)]
+    return rolling(folder / "ackermann.xml", wheels, steered=("fl", "fr"))
+
+
+def walker(folder: Path) -> str:
+    """Four legs of two joints, as high as a dog."""
+    leg = """<body name="{0}_thigh" pos="{1} {2} 0"><joint name="{0}_hip" axis="0 1 0" range="-1 1" limited="true"/>
+    <geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.03" mass="0.4"/>
+    <body name="{0}_shank" pos="0 0 -0.2"><joint name="{0}_knee" axis="0 1 0" range="-2 2" limited="true"/>
+    <geom type="capsule" fromto="0 0 0 0 0 -0.18" size="0.02" mass="0.2"/></body></body>"""
+    legs = "".join(leg.format(n, x, y) for n, x, y in (("fl", 0.2, 0.1), ("fr", 0.2, -0.1), ("rl", -0.2, 0.1), ("rr", -0.2, -0.1)))
+    body = f'<body name="trunk" pos="0 0 0.4"><freejoint/><geom type="box" size="0.25 0.1 0.06" mass="6"/>{legs}</body>'
+    (folder / "walker.xml").write_text(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
+    return str(folder / "walker.xml")
+
+
+def quadrotor(folder: Path) -> str:
+    """A body with four rotors, whose centre of mass is off its origin."""
+    rotors = "".join(f'<geom name="rotor{k}" type="cylinder" size="0.1 0.005" pos="{x} {y} 0.03" mass="0.05"/>' for k, (x, y) in
+                     enumerate(((0.15, 0.15), (0.15, -0.15), (-0.15, 0.15), (-0.15, -0.15))))  # fmt: skip
+    core = f'<body name="drone"><freejoint/><geom type="box" size="0.08 0.05 0.03" pos="0.02 0 0" mass="0.8"/>{rotors}</body>'
+    (folder / "quadrotor.xml").write_text(f"<mujoco><worldbody>{core}</worldbody></mujoco>")
+    return str(folder / "quadrotor.xml")

@@ -1,0 +1,120 @@
+"""Robots of a user: how they move is found from their joints, they stay on their ground or at their height, and their odometry is honest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim.robots.robot_choice import RobotChoice, parse_robots
+from sim.robots.user_robot import load_robot
+from sim.scenario import Scenario
+from sim.simulation import Simulation
+from tests.sim.robots.samples import ackermann, differential, quadrotor, rolling, skid_steer, walker
+
+KINDS: dict[Callable[[Path], str], tuple[str, int, int]] = {
+    differential: ("wheels", 2, 0),
+    skid_steer: ("wheels", 4, 0),
+    ackermann: ("base", 0, 0),
+    walker: ("base", 0, 4),
+    quadrotor: ("thrust", 0, 0),
+}
+"""Robot → its motion, wheels and legs."""
+
+
+def drive(robot: str, seed: int = 0, frames: int = 30) -> tuple[Simulation, np.ndarray, np.ndarray]:
+    """A simulation on the hills after some frames, the positions (frames, 3) m, and the errors of odometry over their covariance (frames, 6)."""
+    simulation = Simulation(Scenario(world="hills", robots=1, people=1, frames=frames, robot=robot, seed=seed))
+    path, errors = [], []
+    for _ in range(frames):
+        before = simulation.T_world_robot("robot_0")
+        simulation.step()
+        odometry, now = simulation.odometry()["robot_0"], simulation.T_world_robot("robot_0")
+        error = ((before.inverse() @ now).inverse() @ odometry.T_before_now).log()
+        errors.append(np.linalg.solve(np.linalg.cholesky(odometry.covariance), error))
+        path.append(now.translation)
+    return simulation, np.array(path), np.array(errors)
+
+
+@pytest.mark.parametrize("make", KINDS)
+def test_motion_is_found_from_the_joints(tmp_path: Path, make: Callable[[Path], str]) -> None:
+    robot = load_robot(RobotChoice(make(tmp_path)))
+    motion, wheels, legs = KINDS[make]
+    assert (robot.motion, len(robot.wheels), len(robot.legs)) == (motion, wheels, legs)
+    if legs:
+        assert sorted(leg.phase for leg in robot.legs) == [0, 0, 0.5, 0.5]
+        assert robot.height == pytest.approx(0.4, abs=0.01)
+
+
+@pytest.mark.parametrize("make", KINDS)
+def test_robots_drive_on_hills(tmp_path: Path, make: Callable[[Path], str]) -> None:
+    robot = load_robot(RobotChoice(make(tmp_path)))
+    simulation, path, errors = drive(make(tmp_path))
+    assert np.linalg.norm(np.diff(path[:, :2], axis=0), axis=1).sum() > 1.0, "it moves"
+    over = path[:, 2] - simulation.world.terrain.height_at(path[:, :2])
+    expected = robot.hover(1.5) if robot.motion == "thrust" else robot.height
+    np.testing.assert_allclose(over, expected, atol=0.2 if robot.motion == "thrust" else 0.1)
+    assert not simulation.tipped()["robot_0"]
+    assert (errors**2).mean() < 6, "odometry is off by no more than it says"
+    camera = simulation.T_world_robot("robot_0") @ simulation.mount("robot_0")
+    height = camera.translation[2] - simulation.world.terrain.height_at(camera.translation[None, :2])[0]
+    assert height == pytest.approx(1.5, abs=0.25)
+
+
+@pytest.mark.parametrize("make", [walker, quadrotor])
+def test_a_state_is_restored_bit_by_bit(tmp_path: Path, make: Callable[[Path], str]) -> None:
+    simulation = Simulation(Scenario(world="hall", robots=2, people=2, frames=9, robot=f"rover,{make(tmp_path)}"))
+    simulation.step()
+    saved = simulation.save()
+    simulation.step()
+    first = simulation.data.qpos.copy()
+    simulation.restore(saved)
+    simulation.step()
+    np.testing.assert_array_equal(simulation.data.qpos, first)
+
+
+def test_the_camera_is_where_it_is_told(tmp_path: Path) -> None:
+    robot = load_robot(RobotChoice(differential(tmp_path), camera="eye"))
+    np.testing.assert_allclose(robot.mount(1.5).translation, [0.1, 0, 0.6], atol=1e-9)
+    with pytest.raises(ValueError, match="has no camera or site 'nose', has eye"):
+        load_robot(RobotChoice(differential(tmp_path), camera="nose"))
+
+
+BAD = {
+    "": r"needs NAME or FILE\.xml",
+    "rover,": r"needs NAME or FILE\.xml",
+    "a.xml:motion=swim": "motion=swim, needs one of wheels, base, thrust",
+    "a.xml:wings=2": "with :motion=… or :camera=… behind it",
+    "none.xml": r"robot none\.xml: no such file",
+}
+
+
+@pytest.mark.parametrize("text", BAD)
+def test_a_wrong_choice_is_one_line(text: str) -> None:
+    with pytest.raises(ValueError, match=BAD[text]):
+        [load_robot(choice) for choice in parse_robots(text)]
+
+
+def test_what_cannot_drive_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    wide = rolling(tmp_path / "wide.xml", [("left", 0.05, 0.9), ("right", 0.05, -0.9)])
+    with pytest.raises(ValueError, match=r"is 1\.86 m wide, needs at most 1\.1 m"):
+        load_robot(RobotChoice(wide))
+    with pytest.raises(ValueError, match="has 0 wheels on fixed lateral axles"):
+        load_robot(RobotChoice(walker(tmp_path), motion="wheels"))
+    menagerie = pytest.importorskip("mujoco_menagerie")
+    monkeypatch.setenv("MENAGERIE_ROOT", str(tmp_path))
+    with pytest.raises(ValueError, match=r"cannot be fetched .*not found under MENAGERIE_ROOT"):
+        load_robot(RobotChoice(menagerie.names()[0]))
+    with pytest.raises(ValueError, match=r"'unitree_go', needs rover, FILE\.xml or a name of MuJoCo Menagerie, as unitree_go"):
+        load_robot(RobotChoice("unitree_go"))
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("make", [walker, quadrotor])
+def test_odometry_is_consistent_over_seeds(tmp_path: Path, make: Callable[[Path], str]) -> None:
+    """The mean squared error over its covariance, of ten seeds, is 0.5 to 2: the covariances are those of the errors, systematic ones included."""
+    robot = make(tmp_path)
+    squares = np.concatenate([drive(robot, seed, 40)[2] ** 2 for seed in range(10)])
+    assert 0.5 < squares.mean() < 2.0, squares.mean(axis=0)
