@@ -107,6 +107,8 @@ def write_sequence(recording: SimulatedSequence, folder: Path, progress: Any = N
     """As `record`, for a prepared SimulatedSequence."""
     check_absent(folder)
     scenario, simulation, form = recording.scenario, recording.simulation, recording.form
+    if scenario.view_clock:
+        raise ValueError("view_clock is for cameras without rendering: images are rendered at the frames alone (--no-render)")
     setup = make_setup(simulation, recording.fixed)
     assert isinstance(setup.occluders, Grid)
     sensors, told = RobotSensors.of(simulation, setup), told_setup(simulation, setup)

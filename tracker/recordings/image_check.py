@@ -11,6 +11,7 @@ from tracker.io.image_files import image_size
 from tracker.io.time_order import say
 from tracker.io.video_files import frame_times
 from tracker.recordings.calibration_errors import Finding
+from tracker.recordings.image_shift import shifted_images
 from tracker.recordings.images import ImageFiles, VideoFile
 from tracker.recordings.recording import Recording
 
@@ -76,6 +77,8 @@ def image_findings(recording: Recording) -> list[Finding]:
             out += _of_files(recording, name, source, boxes)
         elif isinstance(source, VideoFile):
             out += _of_video(recording, name, source, boxes)
+        if not any(name in finding.cameras for finding in out):
+            out += shifted_images(name, recording.cameras[name], source, recording.detections.get(name, {}))
     return out
 
 

@@ -137,7 +137,7 @@ def test_check_by_command(dataset: Path, tmp_path: Path) -> None:
         (["twin", "--annotations", "a", "--calibration", "b", "--imu", "ideal"], "a twin takes --cameras and --detector-model, --difficulty"),
         (["pilsun", "--annotations", "a.xml"], "--annotations and --calibration are for a twin"),
         (["pilsun", "a"], "a: the preset pilsun has no source; pilsim generate twin a makes its twin"),
-        (["pilsun", "--no-render"], "--no-render is for a twin, and pilsun is none"),
+        (["pilsun", "--no-render"], "robots is 4, needs 0 without rendering"),
         (["twin", "nowhere"], "nowhere: no such folder"),
         (["twin", "nowhere", "--annotations", "a", "--calibration", "b"], "a twin needs SOURCE, or --annotations"),
         (["twin"], "a twin needs SOURCE, or --annotations FILE and --calibration DIR"),

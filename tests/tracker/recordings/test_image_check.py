@@ -90,3 +90,19 @@ def test_videos_of_another_rate_and_number_of_frames(tmp_path: Path, caplog: pyt
     caplog.clear()
     assert image_findings(replace(room, images={"C1": VideoFile(same)})) == []
     assert not caplog.text
+
+
+@pytest.mark.parametrize("shift", [-1, 0, 1])
+def test_images_that_are_a_frame_off_are_told(tmp_path: Path, shift: int) -> None:
+    room = walked_room(people=4, frames=32).choose(["C1"])
+    files = {}
+    for frame in range(32):
+        image = np.full((720, 1280, 3), 90, np.uint8)
+        for left, top, width, height in room.detections["C1"].get(frame + shift, (np.zeros((0, 4)), None))[0].astype(int).tolist():
+            cv2.rectangle(image, (left, top), (left + width, top + height), (200, 180, 160), -1)
+        files[frame] = tmp_path / f"{frame + 1:06d}.png"
+        cv2.imwrite(str(files[frame]), image)
+    found = image_findings(replace(room, images={"C1": ImageFiles(files)}))
+    assert [one.kind for one in found] == ["images-shifted"] * (shift != 0)
+    if shift:
+        assert f"numbered 1 too {'low' if shift > 0 else 'high'}: image n fits the boxes of frame n {'+' if shift > 0 else '−'} 1" in found[0].words
