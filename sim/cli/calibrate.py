@@ -107,7 +107,7 @@ class Calibrate:
                 raise ValueError(f"--distance is {text!r}, needs two names, as in C1,C2=4.2")
             distances[first, second] = m
         stature = None if self.stature == "none" else _length("--stature", f"people={self.stature}")[1]
-        return Known(heights, distances, stature, self.principal, self.k1)
+        return Known(heights, distances, stature, self.principal, self.k1, refine=self.begin == "current")
 
     def _believed(self, recording: Recording) -> Recording:
         """The recording with what of its cameras is believed. Raises ValueError where nothing is left to find."""
@@ -149,7 +149,8 @@ class Calibrate:
         if self.json:
             print(json_text({"out": str(folder)} | found.to_json(), indent=1))
         else:
-            print("\n".join([*found.lines(), f"{folder}: {len(found.cameras)} cameras; `pilsim track {folder}` reads it"]))
+            moved = found.changes or (["nothing has moved beyond its errors"] if self.begin == "current" else [])
+            print("\n".join([*found.lines(), *moved, f"{folder}: {len(found.cameras)} cameras; `pilsim track {folder}` reads it"]))
 
 
 def _length(option: str, text: str) -> tuple[str, float]:

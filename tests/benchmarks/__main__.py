@@ -13,9 +13,9 @@ from sim.rendering.gl_context import GLUnavailable
 
 NAMES = (
     "crowd", "simulation", "panorama", "workers", "writing", "clique", "slam", "space", "throughput", "utias", "tracker", "crowds", "placement",
-    "detector_models", "prediction", "detectors", "growth", "interruption", "effects",
+    "detector_models", "prediction", "detectors", "growth", "interruption", "effects", "calibration",
 )  # fmt: skip
-LONG = ("space", "crowds", "growth", "interruption")
+LONG = ("space", "crowds", "growth", "interruption", "calibration")
 
 
 def main() -> int:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import argparse
+import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,9 +13,13 @@ from sim.tuning.cameras import corner_cameras, mast_cameras
 from sim.tuning.places import floor, furniture
 from sim.tuning.population import STATURE, STATURES
 from sim.tuning.walks import STEPS, Habits, Walkers, walks
+from tracker.calibration import Calibration, calibrate
+from tracker.calibration.body import FOCAL, HEIGHT, OFFSET, PITCH, ROLL, YAW, X, Y, angles_of
 from tracker.detector_models.model import named_model
 from tracker.detector_models.observations import TruePeople
 from tracker.detector_models.simulation import simulated_detections
+from tracker.geometry import Array
+from tracker.geometry.cameras import Pinhole
 from tracker.recordings import Recording, RecordingCamera
 
 KINDS = {"room": ((6.0, 10.0), (4.0, 6.0)), "hall": ((14.0, 26.0), (9.0, 16.0)), "square": ((16.0, 30.0), (12.0, 24.0))}
@@ -62,3 +68,91 @@ def synthetic(kind: str, cameras: int, seed: int, seconds: float = 90.0, model: 
 def unknown(camera: RecordingCamera) -> RecordingCamera:
     """The camera of which the size of the image alone is known."""
     return RecordingCamera.uncalibrated(camera.camera.width, camera.camera.height)
+
+
+def true_rows(case: Synthetic, names: list[str]) -> Array:
+    """Parameters (cameras, 11) of the true cameras, in the frame of the first one."""
+    out, first = [], case.cameras[names[0]]
+    yaw = angles_of(first.pose.rotation)[2]
+    turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
+    for name in names:
+        camera, row = case.cameras[name], np.zeros(11)
+        guess = case.recording.cameras[name].camera
+        assert isinstance(camera.camera, Pinhole)
+        assert isinstance(guess, Pinhole)
+        pitch, roll, own = angles_of(camera.pose.rotation)
+        row[FOCAL], row[HEIGHT] = np.log(camera.camera.fx / guess.fx), np.log(camera.pose.translation[2])
+        row[[PITCH, ROLL]], row[YAW] = (pitch, roll), np.angle(np.exp(1j * (own - yaw)))
+        row[[X, Y]] = turn @ (camera.pose.translation - first.pose.translation)[:2]
+        row[OFFSET] = case.offsets[name] - case.offsets[names[0]]
+        out.append(row)
+    return np.array(out)
+
+
+def errors(case: Synthetic, found: Calibration) -> dict[str, Array]:
+    """Errors of cameras (n,) after the best similarity: focal %, angles °, place in % of the mean distance of people, offset s; NEES as it is."""
+    rows, true = found.rows, true_rows(case, list(found.cameras))
+    z, w = (r[:, X] + 1j * r[:, Y] for r in (rows, true))
+    z, w, h, g = z - z.mean(), w - w.mean(), np.exp(rows[:, HEIGHT]), np.exp(true[:, HEIGHT])
+    cross = np.vdot(z, w)
+    turn = cross / abs(cross) if abs(cross) > 0 else 1.0
+    factor = (np.vdot(z * turn, w).real + h @ g) / ((np.abs(z) ** 2).sum() + h @ h)
+    places = np.concatenate([place for _, place in found.paths.values()])
+    away = factor * np.array([np.hypot(*(places - row[[X, Y]]).T).mean() for row in rows])
+    apart = rows - true
+    apart[:, YAW] = np.angle(np.exp(1j * apart[:, YAW]))
+    free = np.flatnonzero(np.diag(found.covariance) > 0)
+    flat = apart.ravel()[free]
+    nees = float(flat @ np.linalg.pinv(found.covariance[np.ix_(free, free)], hermitian=True) @ flat) / len(free)
+    turned = np.angle(np.exp(1j * apart[:, YAW]) * turn)
+    angles = np.degrees(np.abs(np.column_stack([apart[:, PITCH], apart[:, ROLL], turned])).max(axis=1))
+    place = 100 * np.hypot(np.abs(factor * turn * z - w), factor * h - g) / away
+    sigma = np.sqrt(np.diag(found.covariance))[free]
+    return {
+        "focal": 100 * np.abs(apart[:, FOCAL]), "angle": angles, "place": place, "offset": np.abs(apart[:, OFFSET]),
+        "scale": np.array([100 * abs(1 - factor)]), "NEES": np.array([nees]), "z": np.array([np.sqrt(((flat / sigma) ** 2).mean())]),
+    }  # fmt: skip
+
+
+WRONG = {"focal": 15.0, "angle": 3.0, "place": 15.0}
+"""Errors above which a run has ended wrong."""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--kinds", default=",".join(KINDS))
+    parser.add_argument("--cameras", default="2,4")
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--seconds", type=float, default=90.0)
+    parser.add_argument("--model", default="fairmot")
+    chosen = parser.parse_args()
+    print("kind, cameras: medians (90 %) of focal %, angle °, place %, offset s, scale %, NEES, z; s; runs that ended well, said unknown, were wrong")
+    for kind in chosen.kinds.split(","):
+        for count in map(int, chosen.cameras.split(",")):
+            print(row_of(kind, count, chosen), flush=True)
+
+
+def row_of(kind: str, count: int, chosen: argparse.Namespace) -> str:
+    """A line of the table."""
+    all_errors: dict[str, list[float]] = {}
+    well = said = wrong = 0
+    seconds = []
+    for seed in range(chosen.seeds):
+        case = synthetic(kind, count, seed, chosen.seconds, chosen.model)
+        began = time.process_time()
+        found = calibrate(case.recording)
+        seconds.append(time.process_time() - began)
+        if found.problems or not found.cameras:
+            said += 1
+            continue
+        one = errors(case, found)
+        well += 1
+        wrong += any(float(one[name].max()) > bound for name, bound in WRONG.items())
+        for name, values in one.items():
+            all_errors.setdefault(name, []).extend(values.tolist())
+    figures = [f"{np.median(values):.3g} ({np.quantile(values, 0.9):.3g})" for values in all_errors.values()]
+    return f"{kind:7} {count}: {', '.join(figures)}; {np.median(seconds):.0f} s; {well}, {said}, {wrong}"
+
+
+if __name__ == "__main__":
+    main()

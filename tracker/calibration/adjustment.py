@@ -17,7 +17,7 @@ from scipy.sparse.linalg import SuperLU, splu
 from tracker.calibration.body import HEIGHT, NAMES, OFFSET, boxes_of, ground_places
 from tracker.calibration.people import Observations
 from tracker.calibration.single_view import SPREAD, STATURE
-from tracker.geometry import Array, Ints
+from tracker.geometry import Array, Ints, Mask
 from tracker.geometry.cameras import Camera
 
 KNOT, ACCELERATION = 0.5, 0.8
@@ -40,7 +40,10 @@ INLIER = 0.3
 """Weight of a box that is no outlier."""
 CLUSTER = 3.0
 """s of a tracklet whose errors are taken together."""
-DAMPING = 1e-3
+BIAS = 0.015
+"""Deviation of errors that all boxes of a camera have, as a share of their height: of an edge, and of its change by the doubling of the height."""
+DAMPING, LEAST = 1e-3, 1e-6
+"""Of the first step; and what keeps people whose boxes all have no pixel from making a matrix singular."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +75,10 @@ class Adjusted:
     paths: dict[int, tuple[Array, Array]]
     stature: Array
 
+    def with_sigma(self, covariance: Array) -> Adjusted:
+        """The same with another covariance."""
+        return replace(self, covariance=covariance)
+
     def figures(self) -> dict[str, float]:
         """Numbers of boxes and people, share of boxes that are no outliers, mean stature m, and the distances of body.GLOBALS, m."""
         inliers = float((self.weight > INLIER).mean())
@@ -83,7 +90,7 @@ State = tuple[Array, Array, Array, Array]
 """Parameters of cameras (cameras, 11) and bodies (3,), statures (people,) m and knots (knots, 2) m."""
 
 
-class _Problem:
+class Problem:
     """The unknowns: free parameters of cameras and bodies first, then of each person the stature and the knots."""
 
     def __init__(self, cameras: Sequence[Camera], seen: Observations, rows: Array, prior: Prior) -> None:
@@ -192,15 +199,16 @@ class _Problem:
         squares = CAUCHY**2 * np.log1p((r * r).sum(axis=1) / CAUCHY**2)
         return float(squares.sum()) + float(sum((p * p).sum() for p in self.prior_residuals(state)))
 
-    def solve(self, rounds: int = ROUNDS) -> Adjusted:
-        """Minimize the cost from the present state."""
+    def solve(self, rounds: int = ROUNDS, held: Mask | None = None) -> Adjusted:
+        """Minimize the cost from the present state. held (free,): parameters of cameras that stay as they are."""
+        moving = np.append(np.ones(len(self.free), dtype=bool) if held is None else ~held, np.ones(3, dtype=bool))
         self._smooth = self._smoothness()
         state, damping = (self.rows, self.body, self.stature, self.place), DAMPING
         cost = self.cost(state)
         for _ in range(rounds):
             system = self._system(state)
             while damping < 1e6:
-                trial = self._moved(state, self._step(system, damping))
+                trial = self._moved(state, self._step(system, damping, moving))
                 now = self.cost(trial)
                 if now < cost:
                     break
@@ -213,12 +221,15 @@ class _Problem:
         self.rows, self.body, self.stature, self.place = state
         return self._result(state)
 
-    def rescaled(self) -> Array:
-        """Set the errors of middles, tops and bottoms of each camera from the residuals; factors (cameras, 3) of the first ones."""
+    def rescaled(self, common: bool = False) -> Array:
+        """Set the errors of middles, tops and bottoms of each camera from the residuals; factors (cameras, 3) of the first ones.
+
+        common: whether all cameras have the same errors, the median of theirs.
+        """
         r = self.residuals((self.rows, self.body, self.stature, self.place))
-        for own in self.of_view:
-            if len(own) > 20:
-                self.sigma[own] *= np.clip(1.48 * np.median(np.abs(r[own]), axis=0), 0.3, 3.0)
+        spread = [np.clip(1.48 * np.median(np.abs(r[own]), axis=0), 0.3, 3.0) if len(own) > 20 else np.ones(3) for own in self.of_view]
+        for own, factor in zip(self.of_view, spread, strict=True):
+            self.sigma[own] *= np.median(spread, axis=0) if common else factor
         return np.array([(self.sigma[own] / self.seen.sigma[own])[0] if len(own) else np.ones(3) for own in self.of_view])
 
     def _moved(self, state: State, step: tuple[Array, Array]) -> State:
@@ -278,7 +289,7 @@ class _Problem:
                 P[free + 3 + k, column] = (self._distance(moved.reshape(state[0].shape), a, b) - base) / 1e-5 / error
         mean, scale = state[1][2], self._unit(state[0])
         D = sparse.block_diag([sparse.eye(self.people) * (RELATIVE / mean), self._smooth * scale, self._smooth * scale]).tocsr()
-        C = (K.T @ K + D.T @ D).tocsc()
+        C = (K.T @ K + D.T @ D + LEAST * sparse.eye(K.shape[1])).tocsc()
         g = np.concatenate([stature, smooth[:, 0], smooth[:, 1]])
         E = np.zeros((len(g), free + 3))
         E[: self.people, free + 2] = -state[2] * (RELATIVE / mean**2)
@@ -287,33 +298,55 @@ class _Problem:
         return system | {"A": A, "B": cross, "C": C, "a": right, "c": K.T @ wr + D.T @ g}
 
     @staticmethod
-    def _step(system: dict[str, Array], damping: float) -> tuple[Array, Array]:
-        """Steps of cameras and bodies, and of people."""
+    def _step(system: dict[str, Array], damping: float, moving: Mask) -> tuple[Array, Array]:
+        """Steps of cameras and bodies, 0 where not `moving`, and of people."""
         A, C = system["A"], system["C"]
         factor = _factor((C + damping * sparse.diags(C.diagonal())).tocsc())
         X = factor.solve(np.column_stack([system["B"], system["c"]]))
         S = A + damping * np.diag(np.diag(A)) - system["B"].T @ X[:, :-1]
-        camera = np.linalg.solve(S + 1e-12 * np.eye(len(S)) * np.trace(S), -(system["a"] - system["B"].T @ X[:, -1]))
+        right = system["a"] - system["B"].T @ X[:, -1]
+        camera = np.zeros(len(right))
+        camera[moving] = -np.linalg.solve(S[np.ix_(moving, moving)] + 1e-12 * np.eye(int(moving.sum())) * np.trace(S), right[moving])
         return camera, -(X[:, -1] + X[:, :-1] @ camera)
 
-    def _result(self, state: State) -> Adjusted:
+    def information(self) -> tuple[Array, Array, Array]:
+        """Of the free parameters and the bodies, people eliminated: gradient (p,), information (p, p), and covariance (p, p) of the gradient.
+
+        The last holds what boxes of a tracklet have in common, and errors that all boxes of a camera may have.
+        """
+        state = self.rows, self.body, self.stature, self.place
         system = self._system(state)
-        X = _factor(system["C"]).solve(system["B"])
-        H = system["A"] - system["B"].T @ X
-        inverse = np.linalg.pinv(H, hermitian=True)
-        # Scores of clusters, after people are eliminated.
-        reduced = system["J"] - system["K"] @ X
+        X = _factor(system["C"]).solve(np.column_stack([system["B"], system["c"]]))
+        H, gradient = system["A"] - system["B"].T @ X[:, :-1], system["a"] - system["B"].T @ X[:, -1]
+        reduced = system["J"] - system["K"] @ X[:, :-1]
         s = self.seen
         chunk = np.unique(np.column_stack([s.view, s.track, (s.time / CLUSTER).astype(np.int64)]), axis=0, return_inverse=True)[1].ravel()
         score = np.zeros((int(chunk.max()) + 1, reduced.shape[1]))
         np.add.at(score, np.repeat(chunk, 3), reduced * system["r"][:, None])
-        priors = H - reduced.T @ reduced
-        meat = score.T @ score + np.where(np.isfinite(priors), priors, 0.0)
+        common = reduced.T @ self._common_errors(state)
+        return gradient, H, score.T @ score + (H - reduced.T @ reduced) + common @ common.T
+
+    def _common_errors(self, state: State) -> Array:
+        """Residuals (3 n, errors) by errors of edges that all boxes of a camera have, of one standard deviation each: constant, and with the size."""
+        r = self.residuals(state)
+        root = 1 / np.sqrt(1 + (r * r).sum(axis=1) / CAUCHY**2)
+        high = self.seen.box[:, 2] - self.seen.box[:, 1]
+        out = []
+        for own in self.of_view:
+            size = np.log2(high[own])
+            for edge in (1, 2):
+                for form in (np.full(len(own), BIAS), BIAS * (size - size.mean())):
+                    error = np.zeros((len(high), 3))
+                    error[own, edge] = form * high[own] / self.sigma[own, edge] * root[own]
+                    out.append(error.ravel())
+        return np.array(out).T
+
+    def _result(self, state: State) -> Adjusted:
+        _, H, meat = self.information()
+        inverse = np.linalg.pinv(H, hermitian=True)
         covariance = inverse @ meat @ inverse
         free = len(self.free)
         whole = np.zeros((state[0].size, state[0].size))
-        own = np.maximum(np.diag(covariance), np.diag(inverse)) / np.maximum(np.diag(covariance), 1e-30)
-        covariance = covariance * np.sqrt(np.outer(own, own))
         whole[np.ix_(self.free, self.free)] = covariance[:free, :free]
         r = self.residuals(state)
         weight = 1 / (1 + (r * r).sum(axis=1) / CAUCHY**2)
@@ -334,14 +367,14 @@ def adjust(cameras: Sequence[Camera], seen: Observations, rows: Array, prior: Pr
     Half of the steps are made first. Who then has no stature of people, or boxes that are mostly outliers, is left out: false boxes, for instance.
     Errors of boxes are set from the residuals before the rest.
     """
-    first = _Problem(cameras, seen, rows, prior)
+    first = Problem(cameras, seen, rows, prior)
     found = first.solve(max(rounds // 2, 4))
     ratio, count = found.stature / found.body[2], np.bincount(seen.person, minlength=len(found.stature))
     inliers = np.bincount(seen.person, found.weight > INLIER, minlength=len(found.stature)) / np.maximum(count, 1)
     kept = (np.abs(np.log(ratio)) < MOST_RATIO) & (inliers > LEAST_INLIERS)
     if not kept[seen.person].any():
         kept[:] = True
-    problem = _Problem(cameras, seen.of_people(kept), found.rows, prior)
+    problem = Problem(cameras, seen.of_people(kept), found.rows, prior)
     problem.body = found.body
     problem.stature[:] = found.stature[kept]
     problem.solve(5)

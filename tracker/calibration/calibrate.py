@@ -8,6 +8,7 @@ What the data do not say is told in lines, `problems`, and the result is then a 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from itertools import combinations
 from typing import Any
 
@@ -17,6 +18,7 @@ from tracker.calibration.adjustment import GLOBAL_PRIOR, Adjusted, Prior, adjust
 from tracker.calibration.body import CX, CY, FOCAL, HEIGHT, K1, OFFSET, PITCH, ROLL, YAW, X, Y, angles_of, lens_of, pose_of
 from tracker.calibration.boxes import linked_boxes
 from tracker.calibration.people import observations
+from tracker.calibration.refinement import changes, refine
 from tracker.calibration.registration import CameraBoxes, Cloud, Match, agreement, match, paths_of, steps_of, visible
 from tracker.calibration.result import Calibration, Known
 from tracker.calibration.single_view import LEAST_BOXES, ROLL_SIGMA, USUAL_FOCAL, USUAL_HEIGHT, SingleView, single_view
@@ -32,6 +34,8 @@ MOST_SIGMA = {FOCAL: 0.12, PITCH: np.radians(2.0), ROLL: np.radians(2.0), YAW: n
 """Deviations above which a parameter counts as not known."""
 MOST_PLACE = 0.12
 """The same of a place, as a share of the mean distance of people."""
+LEAST_SEEN, CONTRADICTION = 100, 0.15
+"""Places of people that two cameras should see, and the share of agreement below which they contradict each other."""
 LINE = 0.06
 """Breadth over length of the ground where people walk, below which they walk on a line."""
 TIGHT = 0.6
@@ -91,6 +95,8 @@ class _Calibrator:
     def run(self, progress: Progress | None) -> Calibration:
         if not self.views:
             return self._result(None, [])
+        if self.known.refine:
+            self._forget_lost()
         pairs = [(a, b) for a, b in combinations(self.views, 2) if not {a, b} <= self.posed]
         matches = {pair: self._match(*pair) for pair in (pairs if progress is None else progress(pairs, total=len(pairs)))}
         if not self.rows:
@@ -109,9 +115,54 @@ class _Calibrator:
         for name in left:
             self.problems.append(self._why_alone(name, matches))
         self._order()
+        if self.known.refine:
+            return self._refined()
         for tight in (1.0, TIGHT):
             adjusted = self._adjust(tight=tight)
         return self._result(adjusted, list(self.rows))
+
+    def _refined(self) -> Calibration:
+        """The given calibration with what has moved, from the whole of the parameters in the frame."""
+        names = list(self.rows)
+        lost = np.array([name not in self.posed for name in names])
+        given = np.array([self.rows[name] for name in names])
+        self.posed = set()
+        prior = self._prior(names)
+        sigma = np.where((prior.sigma == 0) & (np.arange(11) > K1), np.inf, prior.sigma)
+        sigma[:, FOCAL] = np.where([isinstance(self.views[name].camera, LensCamera) for name in names], USUAL_FOCAL[1], 0.0)
+        free = Prior(given, sigma, prior.body, prior.distances)
+        for tight in (1.3, 0.8):
+            seen = observations(self.views, self.rows, self.steps, tight)
+            refined = refine([self.views[name].camera for name in names], seen, given, free, lost)
+            self.rows = dict(zip(names, refined.adjusted.rows, strict=True))
+        found = self._result(refined.adjusted, names)
+        unmoved = {name: self.recording.cameras[name] for name, moved in zip(names, refined.moved, strict=True) if not moved.any()}
+        return replace(found, cameras={**found.cameras, **unmoved}, moved_frame=False, changes=tuple(changes(names, given, refined)))
+
+    def _contradictions(self) -> list[str]:
+        """Lines on cameras of which one sees people where another one should see them, and does not."""
+        out = []
+        clouds = {name: Cloud.of(paths_of(self.views[name], row, self.steps)) for name, row in self.rows.items()}
+        for a, b in combinations(self.rows, 2):
+            inside = visible(self.views[a], self.rows[a], clouds[b].point)
+            share = agreement(clouds[a], clouds[b], inside, clouds[b].point, 0)[1]
+            if inside.sum() >= LEAST_SEEN and share < CONTRADICTION:
+                out.append(f"{a} and {b} see the same ground, but only {max(share, 0.0):.0%} of the people there agree: one of them is wrong")
+        return out
+
+    def _forget_lost(self) -> None:
+        """Take back the poses of cameras whose people nobody else sees there, if others agree: these are to be found anew."""
+        agree = {name: self._share(name, None, 1.5)[1] for name in self.rows}
+        lost = [name for name in agree if agree[name] < LEAST_SHARE]
+        if len(agree) - len(lost) < 2:
+            return
+        for name in lost:
+            camera = self.recording.cameras[name]
+            single = single_view(camera.camera, self.views[name].table, False, self.known.heights.get(name))
+            if single is not None:
+                self.views[name] = replace(self.views[name], single=single)
+                self.posed.discard(name)
+                del self.rows[name]
 
     def _order(self) -> None:
         """Bring the cameras into the order of the recording, and the first of them to the origin where none has a pose."""
@@ -242,6 +293,7 @@ class _Calibrator:
         if spread[0] < LINE * spread[1]:
             size = f"{spread[0]:.1f} m broad, {spread[1]:.1f} m long"
             self.problems.append(f"all people walk on one line ({size}), which leaves the turns of cameras about it open")
+        self.problems += self._contradictions()
         sigma = np.sqrt(np.abs(np.diag(adjusted.covariance))).reshape(-1, 11)
         for k, name in enumerate(names):
             distance = float(np.median(np.hypot(*(places - adjusted.rows[k, [X, Y]]).T)))

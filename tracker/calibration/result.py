@@ -23,6 +23,7 @@ class Known:
     """What is known beside the boxes. heights: camera → m above the ground. distances: two cameras → m.
 
     stature: mean of people, m; None where it is not known. principal, k1: whether these are estimated, too. most_offset: s by which clocks differ.
+    refine: whether poses that are given may have moved.
     """
 
     heights: Mapping[str, float] = field(default_factory=dict)
@@ -31,6 +32,7 @@ class Known:
     principal: bool = False
     k1: bool = False
     most_offset: float = MOST_OFFSET
+    refine: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +41,7 @@ class Calibration:
 
     cameras: name → camera. offsets: name → s to add to its times. rows (cameras, 11): parameters as in body.NAMES; covariance (cameras · 11, same).
     problems: what the data do not say, a line each; the result is a guess where there is one. figures: of the fit. paths: of people, m.
-    moved_frame: whether the world is a new one, as no camera had a pose.
+    moved_frame: whether the world is a new one, as no camera had a pose. changes: what has moved of a calibration that was refined, a line each.
     """
 
     cameras: dict[str, RecordingCamera]
@@ -50,6 +52,7 @@ class Calibration:
     figures: dict[str, float]
     paths: dict[int, tuple[Array, Array]]
     moved_frame: bool = True
+    changes: tuple[str, ...] = ()
 
     @property
     def sigma(self) -> dict[str, Array]:
@@ -90,4 +93,5 @@ class Calibration:
             "covariance": self.covariance.tolist(),
             "figures": self.figures,
             "problems": list(self.problems),
+            "changes": list(self.changes),
         }
