@@ -13,6 +13,7 @@ from scipy.optimize import linear_sum_assignment
 from tracker.geometry import Array, Ints, Mask
 from tracker.geometry.camera_protocol import Camera
 from tracker.geometry.image_boxes import box_overlaps
+from tracker.recordings.clocks import CameraClock
 from tracker.recordings.recording import FrameBoxes
 
 EDGE = 0.01
@@ -66,8 +67,8 @@ class LinkedBoxes:
         return LinkedBoxes(*(getattr(self, name)[rows] for name in LinkedBoxes.__dataclass_fields__))
 
 
-def linked_boxes(camera: Camera, boxes: FrameBoxes, rate: float) -> LinkedBoxes:
-    """The boxes of a camera at `rate` frames/s, linked to tracklets."""
+def linked_boxes(camera: Camera, boxes: FrameBoxes, rate: float, clock: CameraClock | None = None) -> LinkedBoxes:
+    """The boxes of a camera at `rate` frames/s, or at the times of its own clock, linked to tracklets."""
     parts = [(frame, *_of_frame(camera, *boxes[frame])) for frame in sorted(boxes) if len(boxes[frame][0])]
     edges = np.concatenate([part[1] for part in parts] or [np.zeros((0, 4))])
     whole = np.concatenate([part[2] for part in parts] or [np.zeros(0, dtype=bool)])
@@ -75,7 +76,8 @@ def linked_boxes(camera: Camera, boxes: FrameBoxes, rate: float) -> LinkedBoxes:
     middle, width = (edges[:, 0] + edges[:, 2]) / 2, edges[:, 2] - edges[:, 0]
     if camera.wraps:
         middle = np.mod(middle, camera.width)
-    table = LinkedBoxes(frame, frame / rate, middle, edges[:, 1], edges[:, 3], width, whole, np.zeros(len(frame), dtype=np.int64))
+    time = frame / rate if clock is None else np.array([clock.time(one, rate) for one in frame.tolist()], dtype=np.float64)
+    table = LinkedBoxes(frame, time, middle, edges[:, 1], edges[:, 3], width, whole, np.zeros(len(frame), dtype=np.int64))
     return replace(table, track=_linked(table, rate, camera.width if camera.wraps else 0))
 
 

@@ -69,7 +69,7 @@ class _Calibrator:
         self.steps = steps_of(self.views.values()) if self.views else 0
 
     def _view(self, name: str, camera: RecordingCamera) -> None:
-        table = linked_boxes(camera.camera, self.recording.detections[name], self.recording.rate)
+        table = linked_boxes(camera.camera, self.recording.detections[name], self.recording.rate, self.recording.clocks.get(name))
         row = self._given(name, camera)
         single = single_view(camera.camera, table, "K" not in camera.unknown, self.known.heights.get(name))
         if row is not None:

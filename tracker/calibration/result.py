@@ -13,6 +13,7 @@ from tracker.geometry import Array
 from tracker.geometry.cameras import LensCamera
 from tracker.geometry.ground import Flat
 from tracker.recordings import Recording, RecordingCamera
+from tracker.recordings.clocks import CameraClock
 
 MOST_OFFSET = 5.0
 """s: clocks differ by at most so much."""
@@ -60,8 +61,11 @@ class Calibration:
         return dict(zip(self.cameras, np.sqrt(np.abs(np.diag(self.covariance))).reshape(-1, len(NAMES)), strict=True))
 
     def applied(self, recording: Recording) -> Recording:
-        """The recording with these cameras; without truth, area and terrain where the world is a new one."""
-        changed = replace(recording, cameras={**recording.cameras, **self.cameras})
+        """The recording with these cameras and clocks; without truth, area and terrain where the world is a new one."""
+        late = {name: seconds for name, seconds in self.offsets.items() if seconds}
+        clocks = {**recording.clocks, **{name: recording.clocks.get(name, CameraClock()).later(seconds) for name, seconds in late.items()}}
+        changed = replace(recording, cameras={**recording.cameras, **self.cameras}, clocks=clocks, frames=0)
+        changed = replace(changed, frames=max(recording.frames, changed.frames))
         if not self.moved_frame:
             return changed
         return replace(changed, truth=None, visible={}, area=None, ground=Flat(), occluders=None, pillars=np.zeros((0, 5)))
