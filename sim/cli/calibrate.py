@@ -63,7 +63,7 @@ class Calibrate:
     k1: bool = False
     """Estimate the radial distortion k1, too."""
     picture: Annotated[Path | None, Ending(".png"), unset("FILE.png", "none")] = None
-    """Draw the plan and the view of each camera with the ground grid, as `check` does."""
+    """Draw the plan with the paths of people, and the view of each camera with ground grid and horizon."""
     choice: OmitArgPrefixes[SourceChoice] = SourceChoice()
     json: bool = False
     """Print JSON alone."""
@@ -145,7 +145,7 @@ class Calibrate:
             from sim.visualization.calibration_picture import draw_calibration
             from tracker.recordings.calibration_check import check_calibration
 
-            draw_calibration(whole, check_calibration(whole), self.picture)
+            draw_calibration(whole, check_calibration(whole), self.picture, tuple(place for _, place in found.paths.values()))
         if self.json:
             print(json_text({"out": str(folder)} | found.to_json(), indent=1))
         else:

@@ -35,7 +35,8 @@ class Check:
     frames that are numbered otherwise or have no boxes, and of images that do not fit.
 
     The exit code is 0 where nothing is wrong, and 2 where an error is named. It is 1
-    where the boxes fit nothing and no error is known that explains it.
+    where the boxes fit nothing and no error is known that explains it: `calibrate
+    --from current` then finds what has moved, and `calibrate` calibrates anew.
 
     Examples: pilsim check D
               pilsim check D/pilsun-00000 --json
@@ -106,7 +107,8 @@ class Check:
             if not self.json:
                 print(f"wrote {self.picture}")
         if report.unexplained:
-            print(f"{self.source}: something is wrong, and no known error explains it", file=sys.stderr)
+            hint = f"`pilsim calibrate {self.source} --from current` tells what has moved"
+            print(f"{self.source}: something is wrong, and no known error explains it; {hint}", file=sys.stderr)
             sys.exit(1)
         if count := len(report.findings):
             raise ValueError(f"{self.source}: {count} thing{'s' * (count > 1)} look{'s' * (count == 1)} wrong")

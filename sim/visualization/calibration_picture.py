@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -46,11 +46,15 @@ class Scene:
     colours: dict[str, str]
     bounds: Array
     frame: int
+    paths: tuple[Array, ...] = ()
 
 
-def draw_calibration(recording: Recording, report: CalibrationReport, path: Path) -> None:
-    """Write the picture as PNG. Raises ValueError where images cannot be read, OSError where the file cannot be written."""
-    scene = _scene(recording)
+def draw_calibration(recording: Recording, report: CalibrationReport, path: Path, paths: tuple[Array, ...] = ()) -> None:
+    """Write the picture as PNG. paths: of people (n, 2) m each, as a calibration found them, drawn on the plan.
+
+    Raises ValueError where images cannot be read, OSError where the file cannot be written.
+    """
+    scene = replace(_scene(recording), paths=paths)
     shown = report.cameras[:MOST_VIEWS]
     columns = 1 if len(shown) == 1 else 2 if len(shown) <= 8 else 3
     rows = max(1, -(-len(shown) // columns))
@@ -131,6 +135,8 @@ def _plan(axes: Any, scene: Scene) -> None:
     if case.truth is not None:
         paths = [case.truth.point[rows] for rows in _paths(case.truth.id, case.truth.frame)]
         axes.add_collection(matplotlib.collections.LineCollection(paths, colors=TRUTH, linewidths=0.6, alpha=0.5, zorder=3))
+    if scene.paths:
+        axes.add_collection(matplotlib.collections.LineCollection(scene.paths, colors=TRUTH, linewidths=0.6, alpha=0.6, zorder=5))
     if case.area is not None:
         axes.add_patch(
             matplotlib.patches.Rectangle(case.area[0], *(case.area[1] - case.area[0]), fill=False, edgecolor=INK, linestyle="--", zorder=5)
@@ -149,7 +155,7 @@ def _plan(axes: Any, scene: Scene) -> None:
     axes.set_ylabel("y (m)")
     axes.grid(color="#e3e5e8", linewidth=0.6, zorder=0)
     axes.set_axisbelow(True)
-    truth = "; black: true paths" if case.truth is not None else ""
+    truth = "; black: paths of people" if scene.paths else "; black: true paths" if case.truth is not None else ""
     axes.set_title(f"Plan: dots are feet of boxes{truth}{'; dashed: area' if case.area is not None else ''}", fontsize=10, loc="left", color=INK)
 
 

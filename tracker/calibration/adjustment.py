@@ -41,7 +41,7 @@ INLIER = 0.3
 CLUSTER = 3.0
 """s of a tracklet whose errors are taken together."""
 BIAS = 0.015
-"""Deviation of errors that all boxes of a camera have, as a share of their height: of an edge, and of its change by the doubling of the height."""
+"""Deviation of errors that all boxes of a camera have: of an edge, and of its change by the doubling of the height. A share of the height."""
 DAMPING, LEAST = 1e-3, 1e-6
 """Of the first step; and what keeps people whose boxes all have no pixel from making a matrix singular."""
 

@@ -1,7 +1,7 @@
 """A given calibration refined: which cameras have moved, and by how much. What the data do not say stays as it is.
 
-All cameras stay at first. The camera against which the data speak most is let free, then the next one, as long as the test is significant: a score
-test (Rao 1948) with the covariance of clusters (Boos 1992). Of a camera that is free, parameters within their errors of what was given go back.
+All cameras stay at first. The camera against which the data speak most is let free, then the next one, as long as a test is significant. It is the
+score test (Rao 1948) with the covariance of clusters (Boos 1992). Of a camera that is free, parameters within their errors of what was given go back.
 """
 
 from __future__ import annotations
