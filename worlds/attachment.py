@@ -38,7 +38,10 @@ def attach(scene: mujoco.MjSpec, child: mujoco.MjSpec, prefix: str) -> mujoco.Mj
 
 
 def take_options(scene: mujoco.MjSpec, child: mujoco.MjSpec) -> None:
-    """Give a child the options, the view and the sizes of the scene to which it is attached: MuJoCo warns, on the terminal, of each that differs."""
+    """Give a child the options, the view and the sizes of the scene to which it is attached.
+
+    MuJoCo warns, on the terminal, of each one that differs.
+    """
     for mine, its in ((scene.option, child.option), (scene.stat, child.stat)):
         _copy(mine, its)
     for part in ("map", "quality", "scale", "rgba", "headlight", "global_"):

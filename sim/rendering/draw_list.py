@@ -209,7 +209,7 @@ def _materials(model: mujoco.MjModel, geom: Indices, records: NDArray[np.void]) 
 def classes(model: mujoco.MjModel) -> NDArray[np.uint8]:
     """Class (ngeom,) of every geom, from its name or its body's name; 0 for geoms that are not drawn.
 
-    A geom of a user's MJCF has a prefix in its name, or none; the words in the names of its body, material and geom tell.
+    A geom of a user's MJCF has a prefix in its name, or none. Words in the names of its body, material and geom tell its class.
     Raises ValueError for a drawn geom of another name that worlds.semantics does not know.
     """
     out = np.zeros(model.ngeom, np.uint8)

@@ -43,7 +43,10 @@ class Wheel:
 
 @dataclass(frozen=True)
 class Leg:
-    """A leg: hip and knee, joints that swing it fore and aft; signs of the turns that swing it back, and that lift the foot; phase in [0, 1)."""
+    """A leg: hip and knee, joints that swing it fore and aft; phase in [0, 1).
+
+    back, lift: signs of the turn of the hip that swings it back, and of the knee that lifts the foot.
+    """
 
     hip: str
     knee: str

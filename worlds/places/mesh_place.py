@@ -1,4 +1,4 @@
-"""The world of a mesh: its parts as they are drawn, a height field that wheels meet, and free space on the level of the entrances."""
+"""The world of a mesh: its parts as they are drawn, a height field that wheels meet, and the free space of one level."""
 
 from __future__ import annotations
 
