@@ -47,9 +47,9 @@ def level_of(place: Place, triangles: Array) -> tuple[Level, list[str]]:
     level = find_level(triangles, grid, place.level, np.reshape(place.entrances, (-1, 2)))
     surface = level.terrain.on_grid
     floor = surface.heights[free_space(surface, level.blocked[0], FEET).free]
-    notes = [f"people walk between {floor.min() + 0.0:.2f} and {floor.max() + 0.0:.2f} m of height"]
+    notes = [f"people walk between {floor.min().round(2) + 0.0:.2f} and {floor.max().round(2) + 0.0:.2f} m of height"]
     if level.others > 0:
-        notes.append(f"{level.others} other level{'s' * (level.others != 1)} (floors, roofs) are left out; level=Z, m, chooses another")
+        notes.append(f"other levels (floors, roofs) are left out: {level.others}; level=Z, m, chooses another")
     return level, notes
 
 
