@@ -135,7 +135,7 @@ class Calibrate:
         from tracker.recordings.folder import write_recording
 
         whole = found.applied(recording)
-        if found.moved_frame:
+        if found.moved_frame and (recording.truth is not None or recording.area is not None or recording.occluders is not None):
             print("truth, area and terrain of the source are left out: the new world is another one", file=sys.stderr)
         folder = self._guess if found.problems else self.out
         with new_folder(folder) as part:
