@@ -59,4 +59,5 @@ def with_offsets(recording: Recording, offsets: dict[str, float]) -> Recording:
     """The recording whose cameras took their pictures so much later."""
     moved = {name: recording.clocks.get(name, CameraClock()).later(seconds) for name, seconds in offsets.items()}
     clocks = {**recording.clocks, **moved}
-    return replace(recording, clocks={name: clocks[name] for name in recording.cameras if name in clocks})
+    changed = replace(recording, frames=0, clocks={name: clocks[name] for name in recording.cameras if name in clocks})
+    return replace(changed, frames=max(recording.frames, changed.frames))

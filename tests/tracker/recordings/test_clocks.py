@@ -15,6 +15,7 @@ from tests.tracker.recordings.walked_room import walked_room
 from tracker.metrics.evaluation import evaluate
 from tracker.pipeline import Parameters, track
 from tracker.recordings import Recording
+from tracker.recordings.clock_offsets import estimated_offsets, parsed_offsets, with_offsets
 from tracker.recordings.clocks import TOGETHER, CameraClock, Schedule
 from tracker.recordings.folder import read_recording, write_recording
 from tracker.sequence.results import Results
@@ -131,3 +132,17 @@ def test_wrong_times_are_one_line(tmp_path: Path, rows: str, words: str) -> None
     (tmp_path / "times.csv").write_text(f"camera,frame,time_s\n{rows}\n")
     with pytest.raises(ValueError, match=re.escape(words)):
         read_recording(tmp_path)
+
+
+@pytest.mark.parametrize("late", [1, -1])
+def test_offsets_of_clocks_are_found_and_applied(late: int) -> None:
+    room = walked_room(people=6)
+    boxes = {f - late: b for f, b in room.detections["C2"].items() if 0 <= f - late < room.frames}
+    wrong = replace(room, detections={**room.detections, "C2": boxes})
+    found = estimated_offsets(wrong)
+    assert found == {"C2": pytest.approx(late / 4, abs=0.05)}
+    assert estimated_offsets(room) == estimated_offsets(with_offsets(wrong, {"C2": late / 4})) == {}
+    mended = with_offsets(wrong, parsed_offsets(f"C2={late / 4}", list(room.cameras)))
+    assert mended.frames >= room.frames
+    assert mended.clocks["C2"].time(0, 4.0) == late / 4
+    assert len(list(mended.sequence().ticks)) >= room.frames
