@@ -191,8 +191,20 @@ class MhtFilter:
         leaves, table = now.leaves, now.table
         parents = ParentHypotheses.of(leaves, self.setup.ground, now.missed, self._image_links(now))
         children = union(branch(parents, table, now.limits), assign_jointly(now.active, parents, table, now.limits))
+        children = children._replace(increment=children.increment + self._by_existence(leaves, children))
         kept = prune_branches(children, leaves.tree, leaves.misses, self.parameters.uncontested_margin, len(table.cut))
         return ChildHypotheses._make(column[kept] for column in children)
+
+    def _by_existence(self, leaves: TrackHypotheses, children: ChildHypotheses) -> Array:
+        """What the existence r of lost people changes of the increment (m,) of children.
+
+        A box is of a person who is still there: log r. Missed detections are of one who is not, or is and was missed: log(1 − r + r exp(missed)).
+        """
+        lost = (leaves.misses > 0) & leaves.confirmed
+        odds = np.where(lost, leaves.existence, np.inf)[children.parent]
+        there, gone = -np.logaddexp(0, -odds), -np.logaddexp(0, odds)
+        none = np.logaddexp(gone, there + children.missed) - children.missed
+        return np.asarray(np.where((children.box >= 0).any(axis=1), there, none))
 
     def _image_links(self, now: Observation) -> Array:
         """Log-likelihood ratio (n, D) of each box for each leaf by images: appearance, and tracklets from the boxes that its tree took before."""
@@ -246,7 +258,7 @@ class MhtFilter:
         parents, detected = now.leaves.select(children.parent), (children.box >= 0).any(axis=1)
         # The likelihood of a place tells whose box it is, not whether there is a person.
         boxes = np.append(now.table.existence_ratio, 0.0)[children.box].sum(axis=1)
-        existence = self._survived(parents.existence) + boxes + children.missed
+        existence = self._survived(parents.existence) + boxes + children.missed * min(1.0, self.now.revisit / self.parameters.miss_time)
         chance, due, passed = now.chance[children.parent], parents.due, self.now.revisits
         outside = ~now.bodies.in_any_view(list(self._viewpoints.values()))[children.parent]
         states, covariances, detections = parents.states.copy(), parents.covariances.copy(), parents.detected.copy()

@@ -33,7 +33,8 @@ class MhtParameters:
     coasting_factor: float = 3.0  # of delta_a, time for which a track without boxes coasts before its deletion, unreported
     sampling_sigma: float = 0.3  # m, standard deviation of a place above which visibility is averaged over a grid
     n_conf: int = 2  # frames with a box before a track may be confirmed
-    residence: float = 1e8  # s, mean time for which people stay; a small one lets existence fall faster when nobody sees them
+    residence: float = 60.0  # s, mean time for which a track is of one person
+    miss_time: float = 0.5  # s in which the missed detections of a person have one cause and count once against existence
     report: float = 0.98  # probability of existence from which a track is confirmed
     forget: float = 5e-4  # probability of existence below which a track is deleted
     joint_misses: float = 2.0  # missed detections for which a miss in all views at once counts at most, as its cause is common
