@@ -82,7 +82,7 @@ LAYERS: dict[str, dict[str, set[str]]] = {
         "stress": {"policies", "datasets", "recording", "sensors", "visualization", "parallel", "scenario"},
         "prediction": {"stress", "parallel", "confidence_intervals"},
         "tuning": {"stress", "prediction", "parallel", "confidence_intervals"},
-        "report": {"stress", "prediction", "tuning", "confidence_intervals"},
+        "report": {"stress", "prediction", "tuning", "confidence_intervals", "placement", "policies"},
         "studies": {"recording", "stress", "scenario"},
         "cli": {
             "scenario", "confidence_intervals", "cameras", "effects", "rendering", "pedestrian", "robots", "parallel", "crowd", "simulation",

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import OmitArgPrefixes, arg
 
-from sim.cli.options import DetectorModelName, json_text, locked, unset
+from sim.cli.options import DetectorModelName, command_line, json_text, locked, unset
 from sim.cli.scenario_options import USUAL, SceneOptions, given
 from tracker.options import Ending, Least
 
@@ -40,7 +41,9 @@ class Training:
     train: Annotated[int | None, Least(1), unset("INT", "no training")] = None
     """Train PPO for this number of decisions, in place of a comparison; needs the extra `rl`."""
     out: Path = Path("runs/ppo")
-    """Folder of ppo.zip, curve.csv and curve.png."""
+    """Folder of policy.onnx, ppo.zip, curve.csv and curve.png."""
+    train_worlds: Annotated[tuple[str, ...], unset("NAME [NAME ...]", "that of --world")] = ()
+    """Worlds of the training, in turn."""
 
 
 @dataclass(frozen=True)
@@ -61,16 +64,18 @@ class Place:
       - lloyd       covers the places where people walk
       - greedy      takes the most informative next move
       - predictive  takes the most informative way over the next 7.5 s
+      - learned     follows a network, trained by PPO in six worlds without campus and ruins
       - ppo:FILE    is a policy that --train wrote
 
     Examples: pilsim place --policy random lloyd greedy --episodes 20 --workers 2
               pilsim place --policy greedy --world campus --people 35 --json
-              pilsim place --policy static greedy --observation tracks --episodes 5 --picture mota.png
-              pilsim place --train 300000 --out runs/ppo && pilsim place --policy ppo:runs/ppo/ppo.zip
+              pilsim place --policy greedy predictive learned --worlds campus ruins --people 20 \
+                  --observation tracks --detector-model fairmot --steps 60 --page runs/placement
+              pilsim place --train 300000 --out runs/ppo && pilsim place --policy ppo:runs/ppo/policy.onnx
     """
 
     policy: tuple[str, ...] = ("random", "static", "lloyd", "greedy")
-    """Policies to compare, one or more of random, static, lloyd, greedy, predictive, ppo:FILE."""
+    """Policies to compare, one or more of random, static, lloyd, greedy, predictive, learned, ppo:FILE."""
     episodes: Annotated[int, Least(1)] = 20
     """Episodes of each policy, with seeds from --seed on; ten seeds in a row share a map."""
     seed: Annotated[int, Least(0)] = 0
@@ -81,6 +86,10 @@ class Place:
     """Number of processes; the figures are the same with any number."""
     picture: Annotated[Path | None, Ending(".png"), unset("FILE.png", "none is drawn")] = None
     """A picture of the means with their intervals."""
+    page: Annotated[Path | None, unset("DIR", "none is written")] = None
+    """A folder for index.html: tables, and pictures of the best and the worst episode of each policy."""
+    worlds: Annotated[tuple[str, ...], unset("NAME [NAME ...]", "that of --world")] = ()
+    """Worlds of the comparison, with a table each. The policy learned was never trained in campus and ruins."""
     json: bool = False
     """Print JSON alone: means, intervals and every episode."""
     scene: Annotated[OmitArgPrefixes[SceneOptions], arg(name="scene")] = dataclasses.replace(USUAL, world="ruins")
@@ -97,39 +106,60 @@ class Place:
         if self.training.train is not None:
             from sim.policies.training import train
 
-            print(train(self._options(), self.training.train, self.training.out, self.seed))
+            print(train(self._options(), self.training.train, self.training.out, self.seed, self.training.train_worlds))
             return
         if not self.policy:
-            raise ValueError("policy is empty, needs one or more of random, static, lloyd, greedy, predictive, ppo:FILE")
+            raise ValueError("policy is empty, needs one or more of random, static, lloyd, greedy, predictive, learned, ppo:FILE")
         for name in self.policy:
             policy_of(name)
-        with locked(self.picture):
+        with locked(self.picture, self.page and self.page / "index.html"):
             self._compare()
 
     def _compare(self) -> None:
-        """Play the episodes, print the tables, and draw the picture."""
-        from sim.policies.rollouts import differences, draw, table, text
+        """Play the episodes, print the tables, draw the picture, and write the page."""
+        from sim.policies.rollouts import draw
 
-        outcomes = self._outcomes()
-        found, less = table(outcomes), differences(outcomes)
+        outcomes = {world: self._outcomes(world) for world in self.worlds or (self._world(),)}
         if self.json:
-            print(json_text({"means": _plain(found), "differences": _plain(less), "episodes": [_row(o) for o in outcomes]}, indent=1))
+            found = {world: _values(of) for world, of in outcomes.items()}
+            print(json_text({"worlds": found} if self.worlds else next(iter(found.values())), indent=1))
         else:
-            what = f"{self.episode.density or self.scene.world}, {self.steps} decisions each"
-            seeds = f"{self.episodes} seed{'s' * (self.episodes != 1)} from {self.seed}"
-            print(text(found, less), f"means over {seeds} with 95 % intervals; {what}", sep="\n\n")
+            for world, of in outcomes.items():
+                self._print(world, of)
         if self.picture is not None:
-            draw(found, f"{self.episode.density or self.scene.world}, {self.episodes} episode{'s' * (self.episodes != 1)}", self.picture)
+            from sim.policies.rollouts import table
 
-    def _outcomes(self) -> list[EpisodeResult]:
-        """The outcomes of all episodes, ordered by policy and seed."""
+            every = [one for of in outcomes.values() for one in of]
+            draw(table(every), f"{', '.join(outcomes)}, {self.episodes} episode{'s' * (self.episodes != 1)}", self.picture)
+        if self.page is not None:
+            from sim.report.placement_page import PlacementRun, write_placement_page
+
+            options = {name: value for name, value in self._options().items() if name != "world"}
+            self.page.mkdir(parents=True, exist_ok=True)
+            print(write_placement_page(PlacementRun(outcomes, options, self.steps, command_line(self, without=())), self.page), file=sys.stderr)
+
+    def _print(self, world: str, outcomes: list[EpisodeResult]) -> None:
+        """Print the tables of one world."""
+        from sim.policies.rollouts import differences, table, text
+
+        seeds = f"{self.episodes} seed{'s' * (self.episodes != 1)} from {self.seed}"
+        print(text(table(outcomes), differences(outcomes)), sep="\n\n")
+        print(f"\nmeans over {seeds} with 95 % intervals; {world}, {self.steps} decisions each")
+
+    def _world(self) -> str:
+        """The world of the options, as it is named in the tables."""
+        return self.episode.density or str(self.scene.world)
+
+    def _outcomes(self, world: str) -> list[EpisodeResult]:
+        """The outcomes of all episodes in a world, ordered by policy and seed."""
         from sim.policies.rollouts import compare
         from tracker.io.progress import progress_bar
 
         seeds = range(self.seed, self.seed + self.episodes)
+        options = self._options() | ({"world": world} if self.worlds else {})
         out: list[EpisodeResult] = []
-        with progress_bar(total=len(set(self.policy)) * len(seeds), unit=" episodes", leave=False) as bar:
-            for batch in compare(self.policy, seeds, self._options(), self.steps, self.workers):
+        with progress_bar(total=len(set(self.policy)) * len(seeds), unit=" episodes", desc=world, leave=False) as bar:
+            for batch in compare(self.policy, seeds, options, self.steps, self.workers):
                 out += batch
                 bar.update(len(batch))
         return out
@@ -147,6 +177,13 @@ class Place:
         # A preset replaces the world and who is in it.
         replaced = () if self.episode.density is None else DENSITIES["pilsun"]
         return {name: value for name, value in options.items() if name not in replaced}
+
+
+def _values(outcomes: list[EpisodeResult]) -> dict[str, Any]:
+    """Means, differences and episodes as JSON values."""
+    from sim.policies.rollouts import differences, table
+
+    return {"means": _plain(table(outcomes)), "differences": _plain(differences(outcomes)), "episodes": [_row(o) for o in outcomes]}
 
 
 def _plain(rows: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:

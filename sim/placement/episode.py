@@ -77,6 +77,7 @@ class Episode:
     bounds (p, 4, 4), robot_bounds (r, 3, 3): expected covariances of people and of poses, as in information.py.
     time_unseen (p,): time since each person was last seen, s. goals (r,): goal nodes of the roadmap, for waypoint actions.
     trail: robot positions (r, 2) m after each of the last decisions. added (r,): what each robot adds to the information about a person, nats.
+    decided: s that a policy took for the last decision, where somebody measures it.
     """
 
     config: PlacementConfig
@@ -93,6 +94,7 @@ class Episode:
     trail: list[Array] = field(default_factory=list)
     added: Array = field(default_factory=lambda: np.zeros(0))
     terms: dict[str, float] = field(default_factory=dict)
+    decided: float = 0.0
 
     @staticmethod
     def begin(config: PlacementConfig, key: MapKey, rng: np.random.Generator, starts: Array | None = None) -> Episode:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -24,6 +24,8 @@ from tracker.io.atomic import new_file
 
 BUILT_IN_POLICIES: dict[str, Callable[[], Policy]] = {"random": Random, "static": Static, "lloyd": Lloyd, "greedy": Greedy, "predictive": Predictive}
 """Policies that need no file, by name."""
+LEARNED = "learned"
+"""The name of the policy of the package."""
 MEASURES = ("reward", *TERMS)
 MEASURES_SHOWN = ("information", "hota", "idf1", "mota", "seen", "seen_twice", "ate_m", "way_m", "collisions", "near_misses")
 """Measures in the printed tables, where they were taken."""
@@ -54,46 +56,55 @@ class EpisodeResult:
 
 
 def policy_of(name: str) -> Policy:
-    """The policy of a name, or of ppo:FILE. Raises ValueError for an unknown name and for a missing file or stable-baselines3."""
+    """The policy of a name, or of ppo:FILE. Raises ValueError for an unknown name and as Learned.read."""
     if name in BUILT_IN_POLICIES:
         return BUILT_IN_POLICIES[name]()
     kind, _, file = name.partition(":")
-    if kind == "ppo" and file:
-        from sim.policies.ppo import Learned
+    if name == LEARNED or (kind == "ppo" and file):
+        from sim.policies.learned import Learned, shipped_policy
 
-        return Learned.read(file)
-    raise ValueError(f"policy is {name!r}, needs one of {', '.join(BUILT_IN_POLICIES)} or ppo:FILE")
+        return Learned.read(file or str(shipped_policy()))
+    raise ValueError(f"policy is {name!r}, needs one of {', '.join((*BUILT_IN_POLICIES, LEARNED))} or ppo:FILE")
 
 
 def run_episodes(name: str, seeds: Sequence[int], options: dict[str, Any], steps: int) -> list[EpisodeResult]:
     """Run a policy on these seeds. options: of sim.placement.env.Placement except `action`, which the policy sets. steps: decisions."""
+    return [_result(name, seed, options, steps) for seed in seeds]
+
+
+def play(name: str, seed: int, options: Mapping[str, Any], steps: int) -> Iterator[Episode]:
+    """The episode of a policy and a seed, at its start and after each decision. Its `decided` is the time of the policy's last decision, s."""
     policy = policy_of(name)
     env = gymnasium.make("pilsim/Placement-v0", **options, action=policy.action, max_episode_steps=steps)
     try:
-        return [EpisodeResult(name, seed, *_episode(env, policy, seed)) for seed in seeds]
+        observation, _ = env.reset(seed=seed)
+        episode: Episode = env.unwrapped.episode  # type: ignore[attr-defined]
+        policy.begin(TeamKnowledge.of(episode, observation), np.random.default_rng([seed, 1]))
+        ended = False
+        yield episode
+        while not ended:
+            knowledge, began = TeamKnowledge.of(episode, observation), time.process_time()
+            action = policy.act(knowledge)
+            episode.decided = time.process_time() - began
+            observation, reward, terminated, truncated, info = env.step(action)
+            episode.terms = dict(info) | {"reward": float(reward)}
+            ended = terminated or truncated
+            yield episode
     finally:
         env.close()
 
 
-def _episode(env: gymnasium.Env[Any, Any], policy: Policy, seed: int) -> tuple[dict[str, float], float]:
-    """The values of an episode, and the milliseconds of a decision."""
-    observation, _ = env.reset(seed=seed)
-    episode: Episode = env.unwrapped.episode  # type: ignore[attr-defined]
-    policy.begin(TeamKnowledge.of(episode, observation), np.random.default_rng([seed, 1]))
-    sums = dict.fromkeys(MEASURES, 0.0)
-    ended, count, acting = False, 0, 0.0
-    while not ended:
-        knowledge, began = TeamKnowledge.of(episode, observation), time.process_time()
-        action = policy.act(knowledge)
-        acting += time.process_time() - began
-        observation, reward, terminated, truncated, info = env.step(action)
-        ended, count = terminated or truncated, count + 1
-        for name in TERMS:
-            sums[name] += info[name]
-        sums["reward"] += float(reward)
-    means = {name: value / count for name, value in sums.items()}
+def _result(name: str, seed: int, options: Mapping[str, Any], steps: int) -> EpisodeResult:
+    sums, count, acting = dict.fromkeys(MEASURES, 0.0), 0, 0.0
+    for k, episode in enumerate(play(name, seed, options, steps)):
+        if k:
+            count, acting = count + 1, acting + episode.decided
+            for measure in MEASURES:
+                sums[measure] += episode.terms[measure]
+    means = {measure: value / count for measure, value in sums.items()}
     means["way_m"] = float(episode.now.team[:, TRAVELLED].mean())
-    return means if episode.tracking is None else means | episode.tracking.scores(), 1000.0 * acting / count
+    scores = {} if episode.tracking is None else episode.tracking.scores()
+    return EpisodeResult(name, seed, means | scores, 1000.0 * acting / count)
 
 
 def table(results: Sequence[EpisodeResult]) -> dict[str, dict[str, Interval]]:

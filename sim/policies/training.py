@@ -5,13 +5,15 @@ from __future__ import annotations
 import csv
 import json
 import time
+import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sim.policies.ppo import needed
+from sim.policies.learned import KIND, needed
+from sim.policies.people_features import PEOPLE_FEATURES
 from sim.policies.waypoints import CHOICES, FEATURES, HOLD
 from tracker.io.atomic import finish_folder, is_free, new_file, partial_path, unfinished_path, write_text
 from tracker.io.csv_tables import read_table
@@ -21,11 +23,12 @@ from tracker.io.resume import check_same
 
 TEAMS, ROLLOUT_LENGTH = 16, 20
 """Number of teams that are simulated in parallel, and choices of each per update of the policy."""
-BASELINES = ("random", "static", "lloyd", "greedy")
+BASELINES: tuple[str, ...] = ("random", "static", "greedy")
 """Policies whose rewards are drawn beside the learning curve."""
 LEARNING_RATE = 1e-3
 """Initial learning rate, which decreases linearly to 0."""
-MODEL, RUN, CURVE = "ppo.zip", "order.json", "curve.csv"
+MODEL, RUN, CURVE, EXPORTED = "ppo.zip", "order.json", "curve.csv", "policy.onnx"
+OPSET = 17
 CURVE_COLUMNS: dict[str, type] = {"decisions": int, "reward": float, "standard_error": float}
 
 
@@ -54,39 +57,43 @@ class Curve:
         return Curve(steps, list(zip(*(table[name].tolist() for name in CURVE_COLUMNS), strict=True)))
 
 
-def train(options: dict[str, Any], steps: int, folder: Path, seed: int = 0) -> Path:
-    """Train for `steps` decisions. Writes ppo.zip, curve.csv (the rows of Curve) and curve.png into a new or empty folder.
+def train(options: dict[str, Any], steps: int, folder: Path, seed: int = 0, worlds: tuple[str, ...] = ()) -> Path:
+    """Train for `steps` decisions. Writes policy.onnx, ppo.zip, curve.csv (the rows of Curve) and curve.png into a new or empty folder.
 
-    The same seed gives the same policy. Unfinished training is kept in a hidden folder in `folder`. After an interruption the same call
-    resumes from the last saved state, on new episodes. Returns the path of ppo.zip.
+    worlds: of training, in turn; none for that of the options. The same seed gives the same policy.
+    Unfinished training is kept in a hidden folder in `folder`. After an interruption the same call resumes from the last saved state,
+    on new episodes.
+    Returns the path of policy.onnx.
     Raises ValueError where stable-baselines3 is missing, the folder holds something or another training, or another process writes it.
     """
     needed()
     if not is_free(folder):
         raise ValueError(f"{folder}: exists already, needs a new folder")
     with folder_lock(folder):
-        _train(options, steps, folder, seed)
-    return folder / MODEL
+        _train(options, steps, folder, seed, worlds)
+    return folder / EXPORTED
 
 
-def _train(options: dict[str, Any], steps: int, folder: Path, seed: int) -> None:
+def _train(options: dict[str, Any], steps: int, folder: Path, seed: int, worlds: tuple[str, ...]) -> None:
     import torch
 
     from sim.policies.vector_env import TeamVecEnv
 
     # Versions up to 0.3.0 kept unfinished training beside the folder.
     part, run = partial_path(folder) if partial_path(folder).is_dir() else unfinished_path(folder), {"options": options, "steps": steps, "seed": seed}
+    run |= {"worlds": list(worlds)} if worlds else {}
     if (part / RUN).exists():
         check_same(part, read_json(part / RUN), run, "another training, which was interrupted")
     torch.set_num_threads(1)
-    envs = TeamVecEnv(options, TEAMS)
+    envs = TeamVecEnv(options, TEAMS, worlds)
     model, curve = _new_or_resumed(envs, part, steps, seed)
     part.mkdir(parents=True, exist_ok=True)
     write_text(part / RUN, json.dumps(run))
     _learn(model, envs, curve, part)
     envs.close()
     _save(model, curve, part)
-    draw(curve, _baseline_rewards(options), part / "curve.png")
+    export(model, part / EXPORTED)
+    draw(curve, _baseline_rewards(options, worlds), part / "curve.png")
     finish_folder(folder, part)
 
 
@@ -99,7 +106,7 @@ def _new_or_resumed(envs: Any, folder: Path, steps: int, seed: int) -> tuple[Any
         model = ppo.load(folder / MODEL, env=envs, device="cpu", custom_objects={"policy_class": ChoicePolicy})
         return model, Curve.read(folder / CURVE, steps)
     rates: dict[str, Any] = {"learning_rate": _learning_rate, "gamma": 0.9, "gae_lambda": 0.9, "ent_coef": 0.003, "n_epochs": 6}
-    shape = {"choices": CHOICES, "parts": FEATURES}
+    shape = {"choices": CHOICES, "parts": FEATURES, "people": PEOPLE_FEATURES}
     batch = ROLLOUT_LENGTH * envs.num_envs // 4
     model = ppo(ChoicePolicy, envs, n_steps=ROLLOUT_LENGTH, batch_size=batch, policy_kwargs=shape, seed=seed, device="cpu", **rates)
     return model, Curve(steps)
@@ -113,6 +120,33 @@ def _save(model: Any, curve: Curve, folder: Path) -> None:
     curve.write(folder / CURVE)
     with new_file(folder / MODEL) as part:
         model.save(part)
+
+
+def export(model: Any, file: Path) -> None:
+    """Write the actor of a model of stable-baselines3 as the ONNX file of learned.py."""
+    import onnx
+    import torch
+
+    class Actor(torch.nn.Module):
+        def __init__(self, network: Any) -> None:
+            super().__init__()
+            self.network = network
+
+        def forward(self, choices: torch.Tensor, people: torch.Tensor) -> torch.Tensor:
+            return self.network.score(self.network.with_people(choices, people))
+
+    axes = {"choices": {0: "robots"}, "people": {0: "robots", 1: "people"}, "scores": {0: "robots"}}
+    example = torch.zeros(2, CHOICES, FEATURES), torch.zeros(2, 3, CHOICES, PEOPLE_FEATURES)
+    with new_file(file) as part, warnings.catch_warnings():
+        # The exporter by tracing gives a plain graph, and says that another one exists.
+        warnings.simplefilter("ignore")
+        torch.onnx.export(
+            Actor(model.policy.mlp_extractor).eval(), example, part, dynamo=False, opset_version=OPSET,
+            input_names=["choices", "people"], output_names=["scores"], dynamic_axes=axes,
+        )  # fmt: skip
+        graph = onnx.load(part)
+        onnx.helper.set_model_props(graph, {"pilsim": json.dumps(KIND)})
+        onnx.save(graph, part)
 
 
 def _learn(model: Any, envs: Any, curve: Curve, folder: Path, pause: float = 20.0) -> None:
@@ -146,13 +180,17 @@ def _learn(model: Any, envs: Any, curve: Curve, folder: Path, pause: float = 20.
         model.learn(remaining, callback=Progress(), reset_num_timesteps=model.num_timesteps == 0)
 
 
-def _baseline_rewards(options: dict[str, Any]) -> dict[str, float]:
+def _baseline_rewards(options: dict[str, Any], worlds: tuple[str, ...]) -> dict[str, float]:
     """The mean reward per decision of the baseline policies on the training maps."""
     from sim.policies.rollouts import run_episodes
     from sim.policies.vector_env import LENGTH, MAPS, TRAINING_SEED
 
-    seeds = [TRAINING_SEED + 10 * number for number in range(MAPS)]
-    return {name: float(np.mean([o.values["reward"] for o in run_episodes(name, seeds, options, LENGTH)])) for name in BASELINES}
+    count = max(1, MAPS // max(1, len(worlds)))
+    seeds, places = [TRAINING_SEED + 10 * number for number in range(count)], [{"world": world} for world in worlds] or [{}]
+    return {
+        name: float(np.mean([o.values["reward"] for place in places for o in run_episodes(name, seeds, options | place, LENGTH)]))
+        for name in BASELINES
+    }
 
 
 def draw(curve: Curve, others: dict[str, float], file: Path) -> None:
@@ -176,7 +214,7 @@ def draw(curve: Curve, others: dict[str, float], file: Path) -> None:
     axes.set_xlim(0, end)
     axes.set_xlabel("decisions")
     axes.set_ylabel("reward per decision")
-    axes.set_title("PPO on pilsim/Placement-v0: mean over 16 maps ± 2 standard errors", loc="left", fontsize=10)
+    axes.set_title("PPO on pilsim/Placement-v0: mean over maps ± 2 standard errors", loc="left", fontsize=10)
     axes.grid(alpha=0.25)
     axes.spines[["top", "right"]].set_visible(False)
     figure.savefig(file)

@@ -1,6 +1,7 @@
 """What stable-baselines3 trains: a vectorized environment and a network. Needs PyTorch.
 
-Each robot of several teams is one environment, and all share one policy. One network scores every choice from its features and those of the others.
+Each robot of several teams is one environment, and all share one policy. One network scores every choice from its own features, from those of
+all people at it, and from the other choices. People are a set (Zaheer et al. 2017, Deep sets): their order and number change nothing.
 """
 
 from __future__ import annotations
@@ -19,8 +20,10 @@ from torch import nn
 
 from sim.placement.env import Placement
 from sim.placement.episode import Episode, Reward, reward_of
+from sim.policies.learned import ChoiceFeatures
+from sim.policies.people_features import PEOPLE_FEATURES
 from sim.policies.policy import TeamKnowledge, waypoint_action
-from sim.policies.waypoints import CHOICES, FEATURES, HOLD, WaypointFeatures
+from sim.policies.waypoints import CHOICES, FEATURES, HOLD
 from tracker.geometry import Array
 
 TRAINING_SEED = 100_000
@@ -29,14 +32,18 @@ MAPS = 16
 """Number of training maps: as many as are cached."""
 LENGTH = 240
 """Decisions per episode."""
-WIDTH = 48
-"""Units of a hidden layer."""
+WIDTH, PERSON_WIDTH = 48, 16
+"""Units of a hidden layer, and of one of a person."""
+PEOPLE_SCALE = 10.0
+"""Number of people whose sum is scaled to their mean."""
 
 
 class Team:
     """The robots of one placement environment, through episodes on one map after another."""
 
-    def __init__(self, options: dict[str, Any], number: int) -> None:
+    def __init__(self, options: dict[str, Any], number: int, worlds: int = 1) -> None:
+        """worlds: number of worlds in training, of which this team has one."""
+        self.worlds = worlds
         self.env = gymnasium.make("pilsim/Placement-v0", **options, action="waypoint", max_episode_steps=LENGTH)
         placement = self.env.unwrapped
         assert isinstance(placement, Placement)
@@ -48,20 +55,20 @@ class Team:
         return self.placement.episode
 
     def reset(self) -> NDArray[np.float32]:
-        """Begin the next episode. Returns the features of each robot's choices, (r, CHOICES · FEATURES)."""
+        """Begin the next episode. Returns the features of each robot's choices, (r, n)."""
         # Ten consecutive seeds share a map: each team starts on its own map and moves on to others.
-        k = self.number
-        observation, _ = self.env.reset(seed=TRAINING_SEED + 10 * (k % MAPS) + (k // MAPS) % 10)
+        k, maps = self.number, max(1, MAPS // self.worlds)
+        observation, _ = self.env.reset(seed=TRAINING_SEED + 10 * (k % maps) + (k // maps) % 10)
         self.number, self.rewards = k + 5, []
-        self.features = WaypointFeatures(TeamKnowledge.of(self.episode, observation))
+        self.features = ChoiceFeatures(TeamKnowledge.of(self.episode, observation))
         return self._choice_features(observation)
 
-    def step(self, choice: Array) -> tuple[NDArray[np.float32], Array, bool, bool]:
+    def step(self, choice: NDArray[np.int64]) -> tuple[NDArray[np.float32], Array, bool, bool]:
         """Advance by HOLD decisions with choices (r,).
 
         Returns features, mean difference rewards (r,), and whether the episode terminated or was truncated.
         """
-        action = waypoint_action(self.episode.place, self.features.goals[np.arange(len(choice)), choice])
+        action = waypoint_action(self.episode.place, self.features.chosen(choice))
         values, terminated, truncated = np.zeros(len(choice)), False, False
         episode = self.episode
         for _ in range(HOLD):
@@ -70,13 +77,22 @@ class Team:
             self.rewards.append(float(reward))
             if terminated or truncated:
                 break
-        features: NDArray[np.float32] = np.zeros((len(choice), CHOICES * FEATURES), dtype=np.float32)
+        features: NDArray[np.float32] = np.zeros((len(choice), row_length(episode.config.people)), dtype=np.float32)
         if not terminated:
             features = self._choice_features(observation)
         return features, values / HOLD, terminated, truncated
 
     def _choice_features(self, observation: Mapping[str, Array]) -> NDArray[np.float32]:
-        return self.features.update(TeamKnowledge.of(self.episode, dict(observation))).reshape(self.placement.config.robots, -1)
+        choices, people = self.features.update(TeamKnowledge.of(self.episode, dict(observation)))
+        out: NDArray[np.float32] = np.zeros((len(choices), row_length(self.episode.config.people)), dtype=np.float32)
+        found = np.concatenate([choices.reshape(len(choices), -1), people.reshape(len(choices), -1)], axis=1)
+        out[:, : found.shape[1]] = found
+        return out
+
+
+def row_length(people: int) -> int:
+    """Length of an observation of one robot: features of the choices, then of each person at each choice."""
+    return CHOICES * (FEATURES + people * PEOPLE_FEATURES)
 
 
 def difference_rewards(episode: Episode, reward: Reward, terms: Mapping[str, float]) -> Array:
@@ -105,18 +121,21 @@ def difference_rewards(episode: Episode, reward: Reward, terms: Mapping[str, flo
 class TeamVecEnv(VecEnv):
     """All robots of several teams. `finished` holds the mean reward per decision of each episode that ended."""
 
-    def __init__(self, options: dict[str, Any], teams: int) -> None:
-        self.teams = [Team(options, number) for number in range(teams)]
-        self.robots = self.teams[0].placement.config.robots
+    def __init__(self, options: dict[str, Any], teams: int, worlds: Sequence[str] = ()) -> None:
+        """worlds: of the teams, in turn; none for that of the options."""
+        own = [{"world": worlds[number % len(worlds)]} if worlds else {} for number in range(teams)]
+        self.teams = [Team(options | one, number // max(1, len(worlds)), max(1, len(worlds))) for number, one in enumerate(own)]
+        config = self.teams[0].placement.config
+        self.robots = config.robots
         self.finished: list[float] = []
-        box = spaces.Box(-np.inf, np.inf, (CHOICES * FEATURES,), np.float32)
+        box = spaces.Box(-np.inf, np.inf, (row_length(config.people),), np.float32)
         super().__init__(teams * self.robots, box, spaces.Discrete(CHOICES))
 
     def reset(self) -> Array:
         return np.concatenate([team.reset() for team in self.teams])
 
     def step_async(self, actions: Array) -> None:
-        self._actions = np.asarray(actions).reshape(len(self.teams), self.robots)
+        self._actions = np.asarray(actions, dtype=np.int64).reshape(len(self.teams), self.robots)
 
     def step_wait(self) -> Any:
         features, values, done, infos = [], [], [], []
@@ -155,12 +174,18 @@ class TeamVecEnv(VecEnv):
 
 
 class ChoiceNetwork(nn.Module):
-    """Maps features (n, choices · parts) to logits (n, choices) of the actor and to features (n, WIDTH) of the critic."""
+    """Maps observations (n, row_length) to logits (n, choices) of the actor and to features (n, WIDTH) of the critic.
 
-    def __init__(self, choices: int, parts: int) -> None:
+    people: number of features of a person; 0 for the networks of 0.4.0 and before, which knew the choices alone.
+    """
+
+    def __init__(self, choices: int, parts: int, people: int) -> None:
         super().__init__()
-        self.shape = choices, parts
+        self.shape, self.people = (choices, parts), people
         self.latent_dim_pi, self.latent_dim_vf = choices, WIDTH
+        if people:
+            self.person = nn.Sequential(nn.Linear(people, PERSON_WIDTH), nn.Tanh(), nn.Linear(PERSON_WIDTH, PERSON_WIDTH), nn.Tanh())
+            parts += 2 * PERSON_WIDTH
         last = nn.Linear(WIDTH, 1)
         # Small weights make all choices about equally probable at first.
         nn.init.normal_(last.weight, std=0.01)
@@ -169,32 +194,53 @@ class ChoiceNetwork(nn.Module):
         self.moment = nn.Sequential(nn.Linear(3 * parts, WIDTH), nn.Tanh(), nn.Linear(WIDTH, WIDTH), nn.Tanh())
 
     def forward(self, features: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        return self.forward_actor(features), self.forward_critic(features)
+        rows = self._rows(features)
+        return self.score(rows), self._moment(rows)
 
     def forward_actor(self, features: torch.Tensor) -> torch.Tensor:
-        rows = features.reshape(-1, *self.shape)
+        return self.score(self._rows(features))
+
+    def forward_critic(self, features: torch.Tensor) -> torch.Tensor:
+        return self._moment(self._rows(features))
+
+    def with_people(self, choices: torch.Tensor, people: torch.Tensor) -> torch.Tensor:
+        """Choices (n, c, parts) with what all people (n, k, c, features) mean to each: sums and maxima over the set."""
+        found = self.person(people) * people[..., :1]
+        # A row of nobody adds nothing to the sum. The maximum has nobody beside the people, so that it exists without any.
+        nobody = torch.zeros_like(choices[:, :, :1]).unsqueeze(1).expand(-1, -1, -1, PERSON_WIDTH)
+        most = torch.cat([found, nobody], dim=1).amax(dim=1)
+        return torch.cat([choices, found.sum(dim=1) / PEOPLE_SCALE, most], dim=2)
+
+    def score(self, rows: torch.Tensor) -> torch.Tensor:
+        """Logits (n, c) of rows (n, c, parts)."""
         beside = torch.cat([rows[:, :1], rows.amax(dim=1, keepdim=True)], dim=2).expand(-1, self.shape[0], -1)
         return self.each(torch.cat([rows, beside], dim=2)).squeeze(2)
 
-    def forward_critic(self, features: torch.Tensor) -> torch.Tensor:
-        rows = features.reshape(-1, *self.shape)
+    def _rows(self, features: torch.Tensor) -> torch.Tensor:
+        own = self.shape[0] * self.shape[1]
+        choices = features[:, :own].reshape(-1, *self.shape)
+        if not self.people:
+            return choices
+        return self.with_people(choices, features[:, own:].reshape(len(features), -1, self.shape[0], self.people))
+
+    def _moment(self, rows: torch.Tensor) -> torch.Tensor:
         return self.moment(torch.cat([rows[:, 0], rows.amax(dim=1), rows.mean(dim=1)], dim=1))
 
 
 class ChoicePolicy(ActorCriticPolicy):
-    """Actor and critic over a flat observation of `choices` rows of `parts` features."""
+    """Actor and critic over a flat observation of `choices` rows of `parts` features, then of features of people."""
 
     mlp_extractor: Any
 
-    def __init__(self, *args: Any, choices: int, parts: int, **options: Any) -> None:
-        self._rows = choices, parts
+    def __init__(self, *args: Any, choices: int, parts: int, people: int = 0, **options: Any) -> None:
+        self._sizes = choices, parts, people
         super().__init__(*args, **options)
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
-        return super()._get_constructor_parameters() | {"choices": self._rows[0], "parts": self._rows[1]}
+        return super()._get_constructor_parameters() | dict(zip(("choices", "parts", "people"), self._sizes, strict=True))
 
     def _build_mlp_extractor(self) -> None:
-        self.mlp_extractor = ChoiceNetwork(*self._rows)
+        self.mlp_extractor = ChoiceNetwork(*self._sizes)
 
     def _build(self, lr_schedule: Any) -> None:
         self.ortho_init = False

@@ -1,9 +1,10 @@
 """Speed of the placement environment compared with Gymnasium's Ant-v5 in the same process, and the memory of sixteen environments.
 
-    python -m tests.benchmarks.placement [profile|memory]
+    python -m tests.benchmarks.placement [profile|memory|batch]
 
 The table shows decisions and simulated seconds per second of process time of one core. Four robots and ten people in ruins take random actions;
 observations and rewards are included. `profile` shows where the time goes, and `memory` what the processes of make_vec take (Linux).
+`batch` shows decisions a second of wall time of the batched environment on all cores, by its size, people, robots and world.
 """
 
 from __future__ import annotations
@@ -73,6 +74,33 @@ def profile() -> None:
         env.close()
 
 
+def batch() -> None:
+    """Print decisions a second of all environments of make_vec("vector_entry_point"), beside Ant-v5 in as many environments."""
+    usual = {"world": "ruins", "robots": 4, "people": 20}
+    cases = [(envs, {}) for envs in (1, 8, 64)]
+    cases += [(64, {"people": people}) for people in (10, 40, 74)] + [(64, {"robots": robots}) for robots in (2, 6)] + [(64, {"world": "campus"})]
+    print(f"{'environments':>12s} {'options':40s} {'decisions/s':>12s}")
+    for count, options in cases:
+        envs: Any = gymnasium.make_vec("pilsim/Placement-v0", num_envs=count, vectorization_mode="vector_entry_point", map_seed=0, **(usual | options))
+        print(f"{count:12d} {str(usual | options):40s} {batch_speed(envs, count):12.0f}", flush=True)
+    print(f"{64:12d} {'Ant-v5':40s} {batch_speed(gymnasium.make_vec('Ant-v5', num_envs=64, vectorization_mode='async'), 64):12.0f}")
+
+
+def batch_speed(envs: Any, count: int) -> float:
+    """Steps of all environments per second of wall time, the best of three rounds after a warm-up."""
+    envs.reset(seed=0)
+    actions, best = [envs.action_space.sample() for _ in range(8)], 0.0
+    for action in actions[:3]:
+        envs.step(action)
+    for _ in range(3):
+        start, rounds = time.perf_counter(), max(8, 640 // count)
+        for k in range(rounds):
+            envs.step(actions[k % len(actions)])
+        best = max(best, rounds * count / (time.perf_counter() - start))
+    envs.close()
+    return best
+
+
 def memory() -> None:
     """Print the memory of the processes of an asynchronous make_vec, MiB a process, with a map of each process and with one map for all."""
     for options in ({}, {"map_seed": 0}):
@@ -94,7 +122,7 @@ def rollup(pid: int) -> dict[str, float]:
 
 
 def main() -> None:
-    if chosen := {"profile": profile, "memory": memory}.get(sys.argv[-1]):
+    if chosen := {"profile": profile, "memory": memory, "batch": batch}.get(sys.argv[-1]):
         chosen()
         return
     before = resident()

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
 from sim.cli.place import Place
 from sim.cli.scenario_options import SceneOptions
+from sim.placement.config import PlacementConfig
 from sim.placement.map import MapKey, map_of
 from sim.policies.baselines import best_ring
+from sim.policies.planning import PeopleAhead, information_from, team_values
+from sim.policies.policy import TeamKnowledge
 from sim.policies.rollouts import EpisodeResult, compare, differences, draw, policy_of, run_episodes, table, text
 
 OPTIONS = {"world": "pilsun", "people": 6, "robots": 3}
@@ -42,19 +47,76 @@ def test_the_best_ring_sees_more_than_random_nodes():
     assert twice(best_ring(place, 4, 6.0)) > chance
 
 
-@pytest.mark.parametrize("name", ["random", "static", "lloyd", "greedy"])
+@pytest.mark.parametrize("name", ["random", "static", "lloyd", "greedy", "predictive"])
 def test_policies_are_deterministic(name):
     first, again = (run_episodes(name, [1], OPTIONS, 12) for _ in range(2))
     assert first == again
     assert np.isfinite(list(first[0].values.values())).all()
 
 
-def test_unknown_policies_are_refused(monkeypatch):
-    with pytest.raises(ValueError, match="policy is 'best', needs one of random, static, lloyd, greedy, predictive"):
+def test_unknown_policies_are_refused(monkeypatch, tmp_path):
+    with pytest.raises(ValueError, match="policy is 'best', needs one of random, static, lloyd, greedy, predictive, learned or ppo:FILE"):
         policy_of("best")
+    with pytest.raises(ValueError, match=r"nothing.zip: no such file"):
+        policy_of("ppo:nothing.zip")
+    old, wrong = tmp_path / "ppo.zip", tmp_path / "wrong.onnx"
+    old.touch()
+    wrong.write_bytes(b"no model")
+    with pytest.raises(ValueError, match=r"wrong\.onnx: not a model of onnxruntime"):
+        policy_of(f"ppo:{wrong}")
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
     with pytest.raises(ValueError, match="pip install"):
-        policy_of("ppo:nothing.zip")
+        policy_of(f"ppo:{old}")
+
+
+@pytest.mark.parametrize("name", ["greedy", "predictive", "learned"])
+def test_the_order_of_people_and_robots_changes_nothing(name):
+    place, rng = map_of(MapKey("pilsun", 0.5, 0, 6)), np.random.default_rng(3)
+    robots = np.column_stack([rng.choice(place.roadmap.nodes, 3, replace=False), np.zeros(3)])
+    position, velocity = rng.choice(place.walkable_points[:, :2], 5, replace=False), rng.normal(0, 0.5, (5, 2))
+    known = TeamKnowledge(place, PlacementConfig(**OPTIONS), robots, position, velocity, np.tile(0.1 * np.eye(2), (5, 1, 1)), {})
+    order = rng.permutation(5)
+    other = replace(known, position=position[order], velocity=velocity[order])
+    actions = []
+    for knowledge in (known, other):
+        policy = policy_of(name)
+        policy.begin(knowledge, np.random.default_rng(0))
+        actions.append(policy.act(knowledge))
+    np.testing.assert_array_equal(*actions)
+    if name == "learned":
+        # All robots share one network, and each chooses for itself.
+        turned = replace(known, robots=robots[::-1])
+        policy = policy_of(name)
+        policy.begin(turned, np.random.default_rng(0))
+        np.testing.assert_array_equal(policy.act(turned), actions[0][::-1])
+
+
+def test_information_of_a_plan_grows_with_views():
+    place = map_of(MapKey("pilsun", 0.5, 0, 6))
+    position = place.walkable_points[[50, 90], :2]
+    config = PlacementConfig(**OPTIONS, detector_model="fairmot")
+    known = TeamKnowledge(place, config, np.zeros((1, 3)), position, np.zeros((2, 2)), np.tile(np.eye(2), (2, 1, 1)), {})
+    ahead = PeopleAhead.of(known, np.array([1.5]))
+    nodes = np.arange(len(place.roadmap.nodes))
+    table = information_from(known, nodes, ahead)
+    seen = table[:, 0].any(axis=(2, 3)).sum(axis=1)
+    alone = team_values(ahead, table, nodes[:, None], [])
+    assert (alone[seen == 0] == alone.min()).all()
+    assert alone[seen == 2].min() > alone[seen == 0].max()
+    assert (team_values(ahead, table, nodes[:, None], [nodes[[int(np.argmax(alone))]]]) >= alone.max() - 1e-9).all()
+
+
+@pytest.mark.command
+def test_the_page_has_tables_and_pictures_of_episodes(tmp_path, capsys):
+    scene = SceneOptions(difficulty=0.5, robots=2, people=3)
+    Place(policy=("static", "predictive"), worlds=("pilsun", "hall"), episodes=2, scene=scene, steps=4, page=tmp_path / "page").run()
+    said, page = capsys.readouterr().out, (tmp_path / "page" / "index.html").read_text(encoding="utf-8")
+    assert "pilsun, 4 decisions each" in said
+    assert "hall, 4 decisions each" in said
+    assert "The worst episode of predictive in hall" in page
+    # Two worlds, two policies, the best and the worst episode, four pictures each.
+    assert page.count("data:image/jpeg") == 2 * 2 * 2 * 4
+    ElementTree.fromstring(page)
 
 
 @pytest.mark.command
@@ -77,18 +139,17 @@ def test_planned_information_is_more_than_that_of_random_goals():
 
 @pytest.mark.soak
 def test_ppo_training_is_deterministic_and_its_policy_runs(tmp_path):
-    torch = pytest.importorskip("torch", reason="needs stable-baselines3 (make rl)")
+    pytest.importorskip("torch", reason="needs stable-baselines3 (make rl)")
     pytest.importorskip("stable_baselines3", reason="needs stable-baselines3 (make rl)")
-    from sim.policies.ppo import Learned
     from sim.policies.training import train
 
-    first, again = (train({**OPTIONS}, 1280, tmp_path / name) for name in ("ppo", "again"))
+    first, again = (train({**OPTIONS}, 1280, tmp_path / name, worlds=("pilsun", "hall")) for name in ("ppo", "again"))
     assert (tmp_path / "ppo" / "curve.png").stat().st_size > 1000
     assert sorted(path.name for path in tmp_path.iterdir()) == ["again", "ppo"]
-    weights = [Learned.read(str(file)).model.policy.state_dict() for file in (first, again)]
-    assert all(torch.equal(weights[0][name], weights[1][name]) for name in weights[0])
-    # The policy runs with other numbers of robots and people, too.
-    assert len(run_episodes(f"ppo:{first}", [1], OPTIONS | {"robots": 2, "people": 9}, 5)) == 1
+    assert first.read_bytes() == again.read_bytes()
+    # The policy runs with other numbers of robots and people, too, and the model of stable-baselines3 is the same policy.
+    found = [run_episodes(f"ppo:{file}", [1], OPTIONS | {"robots": 2, "people": 9}, 5) for file in (first, first.with_name("ppo.zip"))]
+    assert found[0][0].values == found[1][0].values
 
 
 def results(workers: int) -> list[EpisodeResult]:
