@@ -79,10 +79,11 @@ def batch() -> None:
     usual = {"world": "ruins", "robots": 4, "people": 20}
     cases = [(envs, {}) for envs in (1, 8, 64)]
     cases += [(64, {"people": people}) for people in (10, 40, 74)] + [(64, {"robots": robots}) for robots in (2, 6)] + [(64, {"world": "campus"})]
-    print(f"{'environments':>12s} {'options':40s} {'decisions/s':>12s}")
+    print(f"{'environments':>12s} {'world, robots, people':40s} {'decisions/s':>12s}")
     for count, options in cases:
-        envs: Any = gymnasium.make_vec("pilsim/Placement-v0", num_envs=count, vectorization_mode="vector_entry_point", map_seed=0, **(usual | options))
-        print(f"{count:12d} {str(usual | options):40s} {batch_speed(envs, count):12.0f}", flush=True)
+        chosen = usual | options
+        envs: Any = gymnasium.make_vec("pilsim/Placement-v0", num_envs=count, vectorization_mode="vector_entry_point", map_seed=0, **chosen)
+        print(f"{count:12d} {' '.join(map(str, chosen.values())):40s} {batch_speed(envs, count):12.0f}", flush=True)
     print(f"{64:12d} {'Ant-v5':40s} {batch_speed(gymnasium.make_vec('Ant-v5', num_envs=64, vectorization_mode='async'), 64):12.0f}")
 
 
