@@ -52,8 +52,8 @@ class Place:
 
     All policies play the same episodes: the same maps, people and starts. The table
     gives means over seeds with 95 % intervals. Its columns are the expected information
-    about a person, the shares of people that one and two robots see, the way driven,
-    collisions, and frightened people per decision. With --observation tracks, the
+    about a person, and the shares of people that one and two robots see. Then come the
+    way driven, collisions, and frightened people per decision. With --observation tracks, the
     default tracker is scored, too: HOTA, IDF1, MOTA and the error of the robots' paths.
     A second table gives paired differences from the first policy. A difference is
     significant where its interval excludes 0.

@@ -1,8 +1,8 @@
 """Policies that plan by expected information: greedy, which looks at the next goal, and predictive, which looks along whole ways.
 
-Both share the reward of the environment (sim.placement.information): people are predicted, and each robot in turn chooses the goal with the
-most expected information of the team. Predictive control follows Mayne et al. 2000, Constrained model predictive control: stability and optimality:
-of the best way, the first decision alone is taken, and the next decision plans anew.
+Both share the reward of the environment (sim.placement.information). People are predicted. Each robot in turn chooses the goal with the most
+expected information of the team. Predictive control follows Mayne et al. 2000, Constrained model predictive control: stability and optimality.
+Of the best way, the first decision alone is taken, and the next decision plans anew.
 """
 
 from __future__ import annotations
