@@ -18,16 +18,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.policies.people_features import PEOPLE_FEATURES, people_features
+from sim.policies.people_features import PEOPLE_FEATURES, ChoiceFeatures, Features
 from sim.policies.policy import TeamKnowledge, waypoint_action
-from sim.policies.waypoints import CHOICES, FEATURES, HOLD, WaypointFeatures
+from sim.policies.waypoints import CHOICES, FEATURES, HOLD
 from tracker.geometry import Array
 
 MISSING = "stable-baselines3 is not installed, training and policies of it need it: pip install 'pilsim[rl]'"
 KIND = {"kind": "placement", "version": 1}
 LARGEST_MODEL = 1 << 24
 """Bytes of a model file, since a file of unknown origin may take the memory."""
-Features = NDArray[np.float32]
 Scores = Callable[[Features, Features], Array]
 """Features of choices and of people → scores (n, CHOICES) of the choices."""
 
@@ -35,31 +34,6 @@ Scores = Callable[[Features, Features], Array]
 def shipped_policy() -> Path:
     """The policy that is shipped with the package."""
     return Path(__file__).with_name("placement_policy.onnx")
-
-
-class ChoiceFeatures:
-    """The features of the choices of a team during an episode, and the nodes (r,) that the robots are bound for."""
-
-    def __init__(self, knowledge: TeamKnowledge) -> None:
-        self._waypoints = WaypointFeatures(knowledge)
-        self.bound_for = knowledge.place.roadmap.nearest(knowledge.robots[:, :2])
-
-    def update(self, knowledge: TeamKnowledge) -> tuple[Features, Features]:
-        """Features (r, CHOICES, FEATURES) of the new choices, and (r, k, CHOICES, PEOPLE_FEATURES) of k known people at them.
-
-        At most as many people are taken as there are, those known best first.
-        """
-        choices = self._waypoints.update(knowledge)
-        people = people_features(knowledge, self._waypoints.goals, self.bound_for)
-        if people.shape[1] > knowledge.config.people:
-            best = np.argsort(-people[0, :, 0, 3], kind="stable")[: knowledge.config.people]
-            people = people[:, best]
-        return choices, people
-
-    def chosen(self, choice: NDArray[np.int64]) -> NDArray[np.int64]:
-        """The nodes (r,) of the choices (r,), which the robots are bound for from now on."""
-        self.bound_for = self._waypoints.goals[np.arange(len(choice)), choice]
-        return self.bound_for
 
 
 @dataclass(eq=False)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from sim.placement.information import nats, predict_person, update_person
 from sim.policies.planning import PeopleAhead, information_from
 from sim.policies.policy import TeamKnowledge
+from sim.policies.waypoints import WaypointFeatures
 from tracker.geometry.compilation import njit
 
 AHEAD = 3.0
@@ -16,6 +17,9 @@ PEOPLE_FEATURES = 5
 """Number of features of a person at a choice."""
 NATS_SCALE, DISTANCE_SCALE = 6.0, 12.0
 """Nats and metres that are scaled to 1."""
+
+
+Features = NDArray[np.float32]
 
 
 def people_features(knowledge: TeamKnowledge, choices: NDArray[np.int64], bound_for: NDArray[np.int64]) -> NDArray[np.float32]:
@@ -37,6 +41,31 @@ def people_features(knowledge: TeamKnowledge, choices: NDArray[np.int64], bound_
         (rows[: choices.size].reshape(choices.shape), rows[choices.size :]),
     )
     return out
+
+
+class ChoiceFeatures:
+    """The features of the choices of a team during an episode, and the nodes (r,) that the robots are bound for."""
+
+    def __init__(self, knowledge: TeamKnowledge) -> None:
+        self._waypoints = WaypointFeatures(knowledge)
+        self.bound_for = knowledge.place.roadmap.nearest(knowledge.robots[:, :2])
+
+    def update(self, knowledge: TeamKnowledge) -> tuple[Features, Features]:
+        """Features (r, CHOICES, FEATURES) of the new choices, and (r, k, CHOICES, PEOPLE_FEATURES) of k known people at them.
+
+        At most as many people are taken as there are, those known best first.
+        """
+        choices = self._waypoints.update(knowledge)
+        people = people_features(knowledge, self._waypoints.goals, self.bound_for)
+        if people.shape[1] > knowledge.config.people:
+            best = np.argsort(-people[0, :, 0, 3], kind="stable")[: knowledge.config.people]
+            people = people[:, best]
+        return choices, people
+
+    def chosen(self, choice: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The nodes (r,) of the choices (r,), which the robots are bound for from now on."""
+        self.bound_for = self._waypoints.goals[np.arange(len(choice)), choice]
+        return self.bound_for
 
 
 @njit(cache=True)
