@@ -53,8 +53,9 @@ class Place:
     All policies play the same episodes: the same maps, people and starts. The table
     gives means over seeds with 95 % intervals. Its columns are the expected information
     about a person, and the shares of people that one and two robots see. Then come the
-    way driven, collisions, and frightened people per decision. With --observation tracks, the
-    default tracker is scored, too: HOTA, IDF1, MOTA and the error of the robots' paths.
+    way driven, collisions, and frightened people per decision. With --observation
+    tracks, the default tracker is scored, too: HOTA, IDF1, MOTA and the error of the
+    robots' paths.
     A second table gives paired differences from the first policy. A difference is
     significant where its interval excludes 0.
 
@@ -64,13 +65,12 @@ class Place:
       - lloyd       covers the places where people walk
       - greedy      takes the most informative next move
       - predictive  takes the most informative way over the next 7.5 s
-      - learned     follows a network, trained by PPO in six worlds without campus and ruins
+      - learned     follows a network, trained by PPO, but not in campus and ruins
       - ppo:FILE    is a policy that --train wrote
 
     Examples: pilsim place --policy random lloyd greedy --episodes 20 --workers 2
               pilsim place --policy greedy --world campus --people 35 --json
-              pilsim place --policy greedy predictive learned --worlds campus ruins --people 20 \
-                  --observation tracks --detector-model fairmot --steps 60 --page runs/placement
+              pilsim place --policy greedy predictive --worlds campus ruins --observation tracks --page runs/placement
               pilsim place --train 300000 --out runs/ppo && pilsim place --policy ppo:runs/ppo/policy.onnx
     """
 

@@ -56,7 +56,6 @@ def test_printed_json(room, tmp_path, monkeypatch, capsys):
         (["generate", "pilsun", "--detector-model", "fairmot", "--misses", "0.2", "--out", "d"], "--misses is of the independent detector"),
         (["stress", "--sweep", "misses", "--detector-model", "fairmot", "--out", "d"], "--sweep misses varies the independent detector"),
         (["stress", "--recording", "ROOM", "--detector-model", "fairmot", "--out", "d"], "--recording has boxes of its own"),
-        (["place", "--detector-model", "fairmot", "--episodes", "1", "--steps", "1"], "detector_model is of the observation tracks"),
     ],
 )
 def test_bad_input_is_one_line(words, message, room, tmp_path, monkeypatch, capsys):

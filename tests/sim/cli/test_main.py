@@ -152,7 +152,7 @@ def test_help_of_a_command(name: str, columns: int, capsys: pytest.CaptureFixtur
         sentence = " ".join(line.strip("│ ") for line in below[: next(k for k, line in enumerate(below) if "───" in line)])
         assert sentence.endswith("."), group
     options = re.split(r"\n│ (?=--)", text)[1:]
-    assert {option.split()[0].strip(",") for option in options} | {"--help"} >= set(re.findall(r"(?m)^│ (--[a-z-]+)", text))
+    assert {option.split()[0].strip(",") for option in options} | {"--help"} >= set(re.findall(r"(?m)^│ (--[a-z0-9-]+)", text))
     for option in options:
         assert re.search(r"\((default|required)", option), option
 
