@@ -32,13 +32,13 @@ demo: .venv/installed gl
 	$(BIN)/pilsim demo
 
 test: .venv/installed-test
-	$(PYTEST) $(PYTEST_FLAGS) -n $(JOBS) -m "not ($(NEEDS) or soak)"
+	$(PYTEST) $(PYTEST_FLAGS) -n $(JOBS) --dist worksteal -m "not ($(NEEDS) or soak)"
 
 integration: .venv/installed-test system gl
-	$(PYTEST) $(PYTEST_FLAGS) -n $(JOBS) -m "($(NEEDS)) and not soak"
+	$(PYTEST) $(PYTEST_FLAGS) -n $(JOBS) --dist worksteal -m "($(NEEDS)) and not soak"
 
 soak: .venv/installed-test system gl
-	$(PYTEST) $(PYTEST_FLAGS) -n $(JOBS) -m soak $(if $(SHARD),--shard $(SHARD))
+	$(PYTEST) $(PYTEST_FLAGS) -n $(JOBS) --dist worksteal -m soak $(if $(SHARD),--shard $(SHARD))
 
 # Peers of the benchmarks, without what they would drag in (jupedsim: PySide6 and VTK).
 bench: .venv/installed-test gl

@@ -51,7 +51,7 @@ def crossing(world: World, starts: np.ndarray, goals: np.ndarray) -> tuple[Crowd
     return crowd, crowd.start(starts, np.zeros(m))
 
 
-@pytest.mark.parametrize("place", ["yard", "pilsun"])
+@pytest.mark.parametrize("place", [pytest.param("yard", marks=pytest.mark.soak), "pilsun"])
 def test_ten_people_stay_in_free_space_keep_apart_and_reach_goals(place):
     world = yard() if place == "yard" else catalogue.build("pilsun", Scenario().stream("world"), 0.5)
     crowd, state = crowd_of(world, 0, 10)

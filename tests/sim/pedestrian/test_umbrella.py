@@ -44,6 +44,7 @@ def test_an_umbrella_is_as_high_as_stated():
     assert not model.geom_contype.any()
 
 
+@pytest.mark.soak
 def test_umbrellas_follow_hands_and_belong_to_nobody():
     scenario = Scenario(robots=1, people=8, at_once=5, frames=4, umbrellas=0.6, seed=2)
     simulation = Simulation(scenario, yard())

@@ -24,16 +24,19 @@ def second_level() -> dict[str, Row]:
     return rows("3°, 0.2 m", False, {"ekf": EKF, "default": default, "off": replace(default, correction=False)}, 30)
 
 
+@pytest.mark.soak
 def test_the_default_is_consistent_and_near_the_bound(second_level: dict[str, Row]) -> None:
     assert 0.75 < second_level["default"].nees.mean() < 1.25
     assert second_level["default"].efficiency < 1.2
 
 
+@pytest.mark.soak
 def test_the_plain_filter_is_overconfident(second_level: dict[str, Row]) -> None:
     assert second_level["ekf"].nees.mean() > 2
     assert second_level["ekf"].rmse > 1.1 * second_level["default"].rmse
 
 
+@pytest.mark.soak
 def test_the_correction_factor_costs_what_the_bound_says(second_level: dict[str, Row]) -> None:
     on, off = second_level["default"], second_level["off"]
     assert (on.bound >= off.bound * (1 - 1e-9)).all()

@@ -126,6 +126,7 @@ def relative_errors(slam: Slam, true: dict[str, Pose]) -> Array:
     return np.linalg.norm(errors, axis=1)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("mode", MODES)
 def test_detections_of_each_other_improve_relative_positions(mode: str) -> None:
     """Five landmarks in all: mostly a robot has its odometry alone."""
