@@ -63,9 +63,10 @@ lint: .venv/installed-test
 	@touch $@
 
 # motmetrics and trackeval are oracles for our scores (they need pandas and xmltodict); without --no-deps they drag a second OpenCV in.
+# RecordVideo of gymnasium needs moviepy 2, which asks for an older Pillow.
 .venv/installed-test: .venv/installed pyproject.toml
 	$(PIP) $(CONSTRAINTS) -e '.[test]'
-	$(PIP) $(CONSTRAINTS) --no-deps motmetrics trackeval
+	$(PIP) $(CONSTRAINTS) --no-deps motmetrics trackeval moviepy imageio imageio-ffmpeg proglog python-dotenv decorator
 	@touch $@
 
 rl: .venv/installed-rl
