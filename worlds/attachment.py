@@ -6,7 +6,12 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from worlds.engine import mujoco
+
+CAMERA_AXES = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
+"""Rotation of a camera of ours, which looks along x with z up, in one of MuJoCo's, which looks along −z with y up."""
 
 
 def read_model(path: Path) -> mujoco.MjSpec:

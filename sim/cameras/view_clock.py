@@ -26,7 +26,7 @@ class TimedPicture(NamedTuple):
 
 @dataclass(frozen=True)
 class ViewClock:
-    """TimedPicture k is taken at offset + k / rate s; 0 for the rate of the scenario. It is lost with the probability `lost`.
+    """Picture k is taken at offset + k / rate s; 0 for the rate of the scenario. It is lost with the probability `lost`.
 
     freezes: begin and length s of spans without pictures.
     """

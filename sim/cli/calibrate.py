@@ -106,7 +106,9 @@ class Calibrate:
             if not comma or not first or not second:
                 raise ValueError(f"--distance is {text!r}, needs two names, as in C1,C2=4.2")
             distances[first, second] = m
-        stature = None if self.stature == "none" else _length("--stature", f"people={self.stature}")[1]
+        stature = None if self.stature == "none" else _metres(self.stature)
+        if stature is None and self.stature != "none":
+            raise ValueError(f"--stature is {self.stature!r}, needs a number of metres above 0")
         return Known(heights, distances, stature, self.principal, self.k1, refine=self.begin == "current")
 
     def _believed(self, recording: Recording) -> Recording:
@@ -156,11 +158,16 @@ class Calibrate:
 def _length(option: str, text: str) -> tuple[str, float]:
     """NAME=M. Raises ValueError for anything else."""
     name, _, number = text.rpartition("=")
-    try:
-        m = float(number)
-    except ValueError:
-        m = 0.0
-    if not name or not 0.0 < m < 1e4:
-        needed = "a number" if option == "--stature" else "a name and a number"
-        raise ValueError(f"{option} is {text.removeprefix('people=')!r}, needs {needed} of metres above 0")
+    m = _metres(number)
+    if not name or m is None:
+        raise ValueError(f"{option} is {text!r}, needs a name and a number of metres above 0")
     return name, m
+
+
+def _metres(text: str) -> float | None:
+    """A length in m; None for a text that is none."""
+    try:
+        m = float(text)
+    except ValueError:
+        return None
+    return m if 0.0 < m < 1e4 else None

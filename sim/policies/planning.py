@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.placement.config import FRAMES_PER_DECISION
 from sim.placement.episode import detector_row
 from sim.placement.information import (
     LOST_SIGMA,
@@ -177,8 +178,8 @@ def _team_values(bounds, steps, table, ways, fixed):  # type: ignore[no-untyped-
             P[:] = bounds[k]
             for t in range(len(steps)):
                 predict_person(P, steps[t])
-                # Three frames of a decision, as in the reward.
-                update_person(P, 3.0 * (fixed[t, k] + table[ways[w, t], t, k]))
+                # All frames of a decision, as in the reward.
+                update_person(P, FRAMES_PER_DECISION * (fixed[t, k] + table[ways[w, t], t, k]))
                 out[w] += nats(P) / len(steps)
     return out
 

@@ -17,7 +17,7 @@ import numpy as np
 from sim.robots import rover
 from sim.robots.robot_choice import BASE, THRUST, WHEELS, RobotChoice
 from tracker.geometry import Array, Pose
-from worlds.attachment import read_model, take_options
+from worlds.attachment import CAMERA_AXES, read_model, take_options
 from worlds.engine import mujoco
 from worlds.triangles import geom_triangles
 
@@ -291,15 +291,12 @@ def _told_camera(choice: RobotChoice, path: Path, scene: tuple[Any, Any], T_root
     cameras, sites = ([get(k).name for k in range(n)] for get, n in ((model.camera, model.ncam), (model.site, model.nsite)))
     if choice.camera in cameras:
         k = cameras.index(choice.camera)
-        # MuJoCo's cameras look along −z with y up.
-        ours = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
-        return T_root.inverse() @ Pose(data.cam_xmat[k].reshape(3, 3) @ ours, data.cam_xpos[k])
+        return T_root.inverse() @ Pose(data.cam_xmat[k].reshape(3, 3) @ CAMERA_AXES, data.cam_xpos[k])
     if choice.camera in sites:
         k = sites.index(choice.camera)
         return T_root.inverse() @ Pose(data.site_xmat[k].reshape(3, 3), data.site_xpos[k])
     known = ", ".join([name for name in (*cameras, *sites) if name][:12])
     raise ValueError(f"{path}: has no camera or site {choice.camera[:40]!r}, has {known or 'none'}")
-
 
 
 def wheel_commands(robot: UserRobot, speed: float, yaw_rate: float, measured_yaw_rate: float) -> Array:

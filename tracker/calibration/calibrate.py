@@ -21,7 +21,7 @@ from tracker.calibration.people import observations
 from tracker.calibration.refinement import changes, refine
 from tracker.calibration.registration import CameraBoxes, Cloud, Match, agreement, match, paths_of, steps_of, visible
 from tracker.calibration.result import Calibration, Known
-from tracker.calibration.single_view import LEAST_BOXES, ROLL_SIGMA, USUAL_FOCAL, USUAL_HEIGHT, SingleView, single_view
+from tracker.calibration.single_view import LEAST_BOXES, ROLL_SIGMA, STATURE, USUAL_FOCAL, USUAL_HEIGHT, SingleView, single_view
 from tracker.geometry import Array, Pose
 from tracker.geometry.cameras import LensCamera, Pinhole
 from tracker.recordings import Recording, RecordingCamera
@@ -101,14 +101,13 @@ class _Calibrator:
         matches = {pair: self._match(*pair) for pair in (pairs if progress is None else progress(pairs, total=len(pairs)))}
         if not self.rows:
             self._begin(matches)
-        adjusted: Adjusted | None = None
         while left := [name for name in self.views if name not in self.rows]:
             found = self._next(left, matches)
             if found is None:
                 break
             name, row = found
             self.rows[name] = row
-            adjusted = self._adjust(rounds=8, most=2500)
+            self._adjust(rounds=8, most=2500)
             if self._share(name)[1] < LEAST_SHARE:
                 del self.rows[name]
                 matches = {pair: [] if name in pair and not set(pair) - {name} - set(self.rows) else ms for pair, ms in matches.items()}
@@ -238,7 +237,7 @@ class _Calibrator:
         if not self.posed & set(names):
             sigma[0, [X, Y, YAW, OFFSET]] = 0.0
         body = GLOBAL_PRIOR.copy()
-        body[2] = (1.72, 0.2) if self.known.stature is None else (self.known.stature, body[2, 1] if not self._scaled() else 0.1)
+        body[2] = (STATURE, 0.2) if self.known.stature is None else (self.known.stature, body[2, 1] if not self._scaled() else 0.1)
         index = {name: k for k, name in enumerate(names)}
         far = tuple((index[a], index[b], m, 0.005 * m) for (a, b), m in self.known.distances.items() if a in index and b in index)
         return Prior(mean, sigma, body, far)

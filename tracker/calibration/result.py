@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from tracker.calibration.body import FOCAL, HEIGHT, NAMES, OFFSET, PITCH, ROLL, YAW, X, Y
+from tracker.calibration.single_view import STATURE
 from tracker.geometry import Array
 from tracker.geometry.cameras import LensCamera
 from tracker.geometry.ground import Flat
 from tracker.recordings import Recording, RecordingCamera
-from tracker.recordings.clocks import CameraClock
+from tracker.recordings.clock_offsets import with_offsets
 
 MOST_OFFSET = 5.0
 """s: clocks differ by at most so much."""
@@ -29,7 +30,7 @@ class Known:
 
     heights: Mapping[str, float] = field(default_factory=dict)
     distances: Mapping[tuple[str, str], float] = field(default_factory=dict)
-    stature: float | None = 1.72
+    stature: float | None = STATURE
     principal: bool = False
     k1: bool = False
     most_offset: float = MOST_OFFSET
@@ -63,9 +64,7 @@ class Calibration:
     def applied(self, recording: Recording) -> Recording:
         """The recording with these cameras and clocks; without truth, area and terrain where the world is a new one."""
         late = {name: seconds for name, seconds in self.offsets.items() if seconds}
-        clocks = {**recording.clocks, **{name: recording.clocks.get(name, CameraClock()).later(seconds) for name, seconds in late.items()}}
-        changed = replace(recording, cameras={**recording.cameras, **self.cameras}, clocks=clocks, frames=0)
-        changed = replace(changed, frames=max(recording.frames, changed.frames))
+        changed = replace(with_offsets(recording, late), cameras={**recording.cameras, **self.cameras})
         if not self.moved_frame:
             return changed
         return replace(changed, truth=None, visible={}, area=None, ground=Flat(), occluders=None, pillars=np.zeros((0, 5)))

@@ -11,15 +11,14 @@ from numpy.typing import NDArray
 from worlds.engine import mujoco
 from worlds.places.entrances import entrances_of
 from worlds.places.mesh_file import Part, read_mesh
-from worlds.places.place import Place
+from worlds.places.place import MOST_NODES, Place
 from worlds.places.surfaces import Level, find_level
 from worlds.semantics import kind_of
 from worlds.terrain.free_space import FEET, free_space, walkers_spaces
 from worlds.terrain.heightfield import Array, Heightfield
-from worlds.textures.materials import add_light, add_picture, add_sky, set_view
+from worlds.textures.materials import FAIR_SKY, HIGH_SUN, add_light, add_picture, add_sky, set_view
 from worlds.world import World
 
-MOST_NODES = 400
 LEAST_FREE = (6.0, 3.0)
 """m² that people need, and rovers."""
 HIDDEN = 4
@@ -77,8 +76,8 @@ def build_mesh(place: Place, rng: np.random.Generator) -> World:
                 number += 1
     met = level.contact.add_to(spec, "ground")
     met.group, met.rgba = HIDDEN, [0, 0, 0, 0]
-    add_sky(spec, (0.36, 0.56, 0.84), (0.84, 0.89, 0.94))
-    add_light(spec, [0.5, 0.35, -1.0], 1.0)
+    add_sky(spec, *FAIR_SKY)
+    add_light(spec, HIGH_SUN, 1.0)
     return world_of_level(place, spec, level, rng, text)
 
 
@@ -86,10 +85,7 @@ def world_of_level(place: Place, spec: mujoco.MjSpec, level: Level, rng: np.rand
     """The world of a scene and its walkable level. text: its place.toml."""
     ground = level.terrain.ground
     set_view(spec, ground.extent)
-    # The two free spaces differ by what blocks them, too, so that each is made with its own obstacles.
-    surface = level.terrain.on_grid
-    feet, _ = walkers_spaces(place.name, surface, level.blocked[0], (LEAST_FREE[0], 0.0))
-    _, wheels = walkers_spaces(place.name, surface, level.blocked[1], (0.0, LEAST_FREE[1]))
+    feet, wheels = walkers_spaces(place.name, level.terrain.on_grid, level.blocked, LEAST_FREE)
     return World(place.name, spec, ground, feet, wheels, entrances_of(place, feet, rng), level.terrain.decks, place=text)
 
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from worlds.attachment import attach, read_model
+from worlds.attachment import CAMERA_AXES, attach, read_model
 from worlds.engine import mujoco
 from worlds.places.mesh_place import HIDDEN, level_of, world_of_level
 from worlds.places.place import Place
 from worlds.terrain.heightfield import Array
-from worlds.textures.materials import add_light, add_sky
+from worlds.textures.materials import FAIR_SKY, HIGH_SUN, add_light, add_sky
 from worlds.triangles import DRAWN_GROUPS, geom_triangles
 from worlds.world import PlaceCamera, World
 
@@ -35,9 +37,9 @@ def build_model(place: Place, rng: np.random.Generator) -> World:
     lit = len(user.lights) > 0
     attach(spec, user, PREFIX)
     if not any(texture.type == mujoco.mjtTexture.mjTEXTURE_SKYBOX for texture in spec.textures):
-        add_sky(spec, (0.36, 0.56, 0.84), (0.84, 0.89, 0.94))
+        add_sky(spec, *FAIR_SKY)
     if not lit:
-        add_light(spec, [0.5, 0.35, -1.0], 1.0)
+        add_light(spec, HIGH_SUN, 1.0)
     model, data = _posed(spec, place)
     triangles = _triangles(model, data)
     level, more = level_of(place, triangles)
@@ -47,7 +49,7 @@ def build_model(place: Place, rng: np.random.Generator) -> World:
     if moving:
         said.append(f"{moving} geoms of bodies that move are obstacles where they are at the start")
     world = world_of_level(place, spec, level, rng, place.toml({}, said))
-    return World(world.name, spec, world.ground, world.feet, world.wheels, world.spawn, world.decks, place=world.place, cameras=cameras)
+    return replace(world, cameras=cameras)
 
 
 def _prepared(user: mujoco.MjSpec) -> list[str]:
@@ -99,11 +101,10 @@ def _plane(model: mujoco.MjModel, data: mujoco.MjData, geom: int, reach: float) 
 
 
 def _cameras(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[PlaceCamera, ...]:
-    """Its cameras that stand still. MuJoCo's look along −z with y up; ours along x with z up."""
-    ours = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
+    """Its cameras that stand still."""
     out = []
     for k in range(model.ncam):
         if model.body_weldid[model.cam_bodyid[k]] == 0 and model.cam_mode[k] == mujoco.mjtCamLight.mjCAMLIGHT_FIXED:
-            turned = data.cam_xmat[k].reshape(3, 3) @ ours
+            turned = data.cam_xmat[k].reshape(3, 3) @ CAMERA_AXES
             out.append(PlaceCamera(model.camera(k).name.removeprefix(PREFIX), turned, data.cam_xpos[k].copy(), float(np.radians(model.cam_fovy[k]))))
     return tuple(out)

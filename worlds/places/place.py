@@ -28,6 +28,8 @@ FOREIGN = {
 }
 """Ending of a file that is not read → what it is, and how to convert it."""
 AXES = ("x", "y", "z", "-x", "-y", "-z")
+MOST_NODES = 400
+"""Grid points along the longer side, unless spacing= says otherwise: searches for ways take time with the square of it."""
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 """Unit of length → m."""
 OF_KIND = {

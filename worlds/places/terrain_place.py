@@ -7,15 +7,13 @@ import numpy as np
 from worlds.engine import mujoco
 from worlds.places.entrances import entrances_of
 from worlds.places.height_map import Relief, orthophoto, read_height_map
-from worlds.places.place import Place
+from worlds.places.place import MOST_NODES, Place
 from worlds.terrain.free_space import walkers_spaces
 from worlds.textures.canvas import Image
-from worlds.textures.materials import add_light, add_picture, add_sky, set_view
+from worlds.textures.materials import FAIR_SKY, HIGH_SUN, add_light, add_picture, add_sky, set_view
 from worlds.textures.soils import Soil, soil
 from worlds.world import World
 
-MOST_NODES = 400
-"""Grid points along the longer side, unless spacing= says otherwise: searches for ways take time with the square of it."""
 LEAST_FREE = 20.0
 """m² that people need, and rovers."""
 GRASS = Soil((112, 124, 72), (140, 132, 86), (146, 124, 94), 0.5, 6.0)
@@ -30,8 +28,8 @@ def build_terrain(place: Place, rng: np.random.Generator) -> World:
     spec.modelname = place.name
     add_picture(spec, "ground", _picture(place, relief, rng), 0.04)
     ground.add_to(spec, "ground", "ground").castshadow = False
-    add_sky(spec, (0.36, 0.56, 0.84), (0.84, 0.89, 0.94))
-    add_light(spec, [0.5, 0.35, -1.0], 1.0)
+    add_sky(spec, *FAIR_SKY)
+    add_light(spec, HIGH_SUN, 1.0)
     set_view(spec, ground.extent)
     feet, wheels = walkers_spaces(place.name, ground, relief.holes, (LEAST_FREE, LEAST_FREE))
     spawn = entrances_of(place, feet, rng)

@@ -17,7 +17,7 @@ from worlds.terrain.heightfield import Array, Heightfield, Mask
 from worlds.terrain.polygons import turned
 from worlds.terrain.relief import swell
 from worlds.textures.canvas import Canvas
-from worlds.textures.materials import add_light, add_material, add_sky, set_view
+from worlds.textures.materials import FAIR_SKY, add_light, add_material, add_sky, set_view
 from worlds.world import World
 
 RIM = 3.0
@@ -35,7 +35,7 @@ class Weather:
     brightness: float = 1.0
 
 
-FAIR = Weather((0.36, 0.56, 0.84), (0.84, 0.89, 0.94), 0.75)
+FAIR = Weather(*FAIR_SKY, 0.75)
 
 
 def embankment(rng: np.random.Generator, nodes: Array, half: float, height: float) -> Array:

@@ -288,12 +288,13 @@ def free_space(ground: Heightfield, obstacles: Mask, limits: Limits) -> FreeSpac
     return FreeSpace(labels == 1 + int(np.argmax(sizes)), ground.origin, ground.spacing)
 
 
-def walkers_spaces(name: str, ground: Heightfield, obstacles: Mask, least: tuple[float, float]) -> tuple[FreeSpace, FreeSpace]:
-    """The free space of feet and that of wheels, as `free_space`. name: of the world.
+def walkers_spaces(name: str, ground: Heightfield, obstacles: Mask | tuple[Mask, Mask], least: tuple[float, float]) -> tuple[FreeSpace, FreeSpace]:
+    """The free space of feet and that of wheels, as `free_space`. name: of the world. obstacles: of both, or of each.
 
     Raises ValueError where feet or wheels have less than their `least` m².
     """
-    feet, wheels = (free_space(ground, obstacles, limits) for limits in (FEET, WHEELS))
+    both = obstacles if isinstance(obstacles, tuple) else (obstacles, obstacles)
+    feet, wheels = (free_space(ground, blocked, limits) for blocked, limits in zip(both, (FEET, WHEELS), strict=True))
     for walker, space, need in zip(("feet", "wheels"), (feet, wheels), least, strict=True):
         if space.area < need:
             raise ValueError(f"{space.area:.1f} m² of {name} are free for {walker}, need {need:.1f}")

@@ -23,6 +23,12 @@ def add_picture(spec: mujoco.MjSpec, name: str, image: Image, shine: float = 0.1
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
 
 
+FAIR_SKY = (0.36, 0.56, 0.84), (0.84, 0.89, 0.94)
+"""Colours of a fair sky at the zenith and at the horizon."""
+HIGH_SUN = (0.5, 0.35, -1.0)
+"""Direction of the light of a high sun."""
+
+
 def add_sky(spec: mujoco.MjSpec, zenith: ArrayLike, horizon: ArrayLike) -> None:
     """A sky without features, from one colour (3,) in [0, 1] to another: what is infinitely far away must not look like a landmark."""
     spec.add_texture(
