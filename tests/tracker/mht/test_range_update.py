@@ -185,7 +185,7 @@ def root(feet: GroundDetections) -> TrackHypotheses:
     new = initiated(1, [group], MotionParameters(start_speed=0.01), people, (1, 0, 0))
     nobody, none = np.arange(0), np.zeros((1, 1))
     bodies = Bodies(new.state[:, :2], new.tree, nobody, setup_of(grid(LEVEL), 1.5), lambda camera, cover: np.ones(len(cover)))
-    with_statures(new, [group], Observation([feet], [], table_of(feet), LIMITS, new, nobody, bodies, none, none), Flat())
+    with_statures(new, [group], Observation([feet], [], table_of(feet), LIMITS, new, nobody, bodies, none, none, np.ones(1)), Flat())
     return new
 
 
