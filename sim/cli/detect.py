@@ -35,7 +35,10 @@ class Detect:
     model: Annotated[Path | None, unset("FILE.onnx", "the one of the package")] = None
     """The model, an ONNX file that `train-detector` makes."""
     panorama: bool = False
-    """The right edge of the images continues at the left one. Recordings and sequences know it."""
+    """The right edge of the images continues at the left one. Recordings and sequences know it.
+
+    Images twice as wide as high are searched where people can stand, by a camera at
+    0.8 to 1.8 m that is nearly upright. Sequences and recordings know its height."""
     pictures: bool = False
     """Write the images with the boxes drawn, too."""
     video: bool = False

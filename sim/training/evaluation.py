@@ -18,9 +18,11 @@ from sim.training.augmentation import cut_off
 from sim.training.scene_rendering import ImageSet
 from sim.training.targets import HIDDEN, LEAST_VISIBLE
 from tracker.geometry import Array, Mask
+from tracker.geometry.cameras import Panorama
 from tracker.metrics.box_detection import IOU, NOBODY, average_precision, box_overlaps, match_by_score
 from tracker.person_detector.detector import PersonDetector
 from tracker.person_detector.found_boxes import FoundBoxes, kept_rows
+from tracker.person_detector.search_levels import search_levels
 
 LEAST_LOGIT = -4.5
 """Of a box that is judged."""
@@ -70,10 +72,11 @@ def found_images(detector: PersonDetector, sets: Iterable[tuple[str, ImageSet]],
     out = []
     for world, images in sets:
         height, width = images.instances.shape[1:]
+        levels = search_levels((height, width), Panorama(width, height) if wraps else None)
         for index in range(len(images.colour)):
             mine = images.image == index
             cut = cut_off(images.boxes[mine], width, height, wraps)
-            found = detector.peaks(np.ascontiguousarray(images.colour[index]), wraps, wraps, LEAST_LOGIT)
+            found = detector.peaks(np.ascontiguousarray(images.colour[index]), levels, wraps, LEAST_LOGIT)
             out.append(FoundImage(found, images.boxes[mine], images.visible[mine], cut, world, float(width) if wraps else None))
     return out
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tracker.person_detector.detector import CameraPlace, PersonDetector
+from tracker.person_detector.search_levels import CameraHeight
 from tracker.reading_ahead import ahead
 from tracker.types import Detections, Odometry, Sequence, Setup, Tick, Ticks, View
 
@@ -76,13 +77,16 @@ def _with_found(view: View, detector: PersonDetector, sites: Mapping[str, Camera
 
 
 def sites_of(setup: Setup) -> dict[str, CameraPlace]:
-    """Camera → what is known of its place: pose and ground of fixed cameras, the model alone of cameras on robots."""
+    """Camera → what is known of its place: pose and ground of fixed cameras, model and height above the ground of cameras on robots."""
     out = {}
     for name, mount in setup.mounts.items():
         start = setup.starts[mount.robot]
-        out[name] = CameraPlace(mount.camera)
-        if start is not None and setup.is_fixed(mount.robot):
-            out[name] = CameraPlace(mount.camera, start.T_world_robot @ mount.T_body_camera, setup.ground)
+        if start is None:
+            out[name] = CameraPlace(mount.camera)
+            continue
+        pose, fixed = start.T_world_robot @ mount.T_body_camera, setup.is_fixed(mount.robot)
+        above = CameraHeight.of(pose, setup.ground, moves=not fixed)
+        out[name] = CameraPlace(mount.camera, pose, setup.ground, above) if fixed else CameraPlace(mount.camera, above=above)
     return out
 
 

@@ -13,16 +13,14 @@ from tracker.detections.boxes import detections_from_boxes
 from tracker.geometry import Array, Image, Mask, Pose
 from tracker.geometry.cameras import Camera, Panorama
 from tracker.geometry.ground import Ground
+from tracker.geometry.panoramas import PanoramicCamera
 from tracker.person_detector.found_boxes import FoundBoxes, one_for_each, peaks_of
-from tracker.person_detector.magnification import LEAST_LOGIT, SHARED, SLACK, SMALL, magnified_parts
+from tracker.person_detector.magnification import SHARED, SLACK, magnified_parts
 from tracker.person_detector.network import STRIDE, PersonNetwork
 from tracker.person_detector.pixels import Level, level_of, level_of_part, rgb_image
+from tracker.person_detector.search_levels import CameraHeight, SearchLevel, search_levels
 from tracker.types import Detections
 
-BODIES: tuple[tuple[float, float], ...] = ((0.0, 288.0), (96.0, np.inf))
-"""px of the picture: heights of bodies that are taken from the whole picture, and from the picture at half its size."""
-POLES = 8
-"""The upper and lower 1/POLES of a panorama are searched at half size alone: there, bodies are large and bent."""
 STATURE = (1.0, 2.3)
 """m: from a child, or a person who sits, to the tallest."""
 REACH = 200.0
@@ -35,11 +33,12 @@ WITHIN = 2.0
 
 @dataclass(frozen=True, eq=False)
 class CameraPlace:
-    """Where a camera is: its model, its pose T_world_camera and the ground, each None where unknown."""
+    """Where a camera is: its model, its pose T_world_camera, the ground, and its height above it, each None where unknown."""
 
     camera: Camera | None = None
     pose: Pose | None = None
     ground: Ground | None = None
+    above: CameraHeight | None = None
 
 
 class PersonDetector:
@@ -65,7 +64,8 @@ class PersonDetector:
             raise ValueError(f"image is {image.shape[1]} x {image.shape[0]} px, its camera {site.camera.width} x {site.camera.height}")
         if wraps is None:
             wraps = site.camera is not None and site.camera.wraps
-        peaks = self.peaks(image, isinstance(site.camera, Panorama), wraps, self.network.calibration.least_logit)
+        levels = search_levels(image.shape, _panorama(site.camera, image, wraps), site.above)
+        peaks = self.peaks(image, levels, wraps, self.network.calibration.least_logit)
         found = FoundBoxes(peaks.box, self.network.calibration.probabilities(peaks.score), peaks.sigma)
         found = found.select(found.score >= self.network.calibration.min_score)
         found = _within(one_for_each(found, self.network.calibration.nms_iou, image.shape[1] if wraps else None), image, wraps)
@@ -82,21 +82,21 @@ class PersonDetector:
         left, _, right, bottom = found.sigma.T
         return detections_from_boxes(site.camera, found.box, found.score, np.column_stack([np.hypot(left, right) / 2, bottom]))
 
-    def peaks(self, image: Image, panorama: bool, wraps: bool, least_logit: float) -> FoundBoxes:
+    def peaks(self, image: Image, levels: list[SearchLevel], wraps: bool, least_logit: float) -> FoundBoxes:
         """Boxes in an image (H, W, 3) before suppression, with logits of at least `least_logit`.
 
-        The whole image is searched, then the image at half its size, and parts at twice the size where small bodies may be.
-        panorama: whether the image is equirectangular, so that its upper and lower ends are bent. wraps: as in `find`.
+        levels: of search_levels, the finest first; parts of the finest are searched again at twice the size where small bodies may be.
+        wraps: as in `find`.
         """
-        step = max(1, len(image) // POLES)
-        rows = (step, len(image) - step) if panorama else None
-        full = self._at_level(level_of(image, 0, wraps, rows), BODIES[0], min(least_logit, LEAST_LOGIT), image.shape[1] if wraps else None)
-        half = self._at_level(level_of(image, 1, wraps), BODIES[1], least_logit, image.shape[1] if wraps else None)
-        out = [half]
-        for part in magnified_parts(full, image.shape, wraps):
-            full = full.select(~((full.height < SHARED) & part.holds(full)))
+        period = image.shape[1] if wraps else None
+        finest = levels[0]
+        full = self._at_level(level_of(image, 0, wraps, finest.rows), finest.heights, min(least_logit, finest.reason), period)
+        out = [self._at_level(level_of(image, one.halvings, wraps, one.rows), one.heights, least_logit, period) for one in levels[1:]]
+        small = full.select((full.height < finest.magnified) & (full.score >= finest.reason))
+        for part in magnified_parts(small, image.shape, wraps):
+            full = full.select(~((full.height < SHARED * finest.magnified) & part.holds(full)))
             level = level_of_part(part.cut_out(image), part.seen[:2])
-            found = self._at_level(level, (0.0, SMALL), least_logit, None)
+            found = self._at_level(level, (0.0, finest.magnified), least_logit, None)
             out.append(found.select(part.holds(found, SLACK)))
         return FoundBoxes.joined([full.select(full.score >= least_logit), *out])
 
@@ -110,6 +110,14 @@ class PersonDetector:
         slack, x = STRIDE * level.scale, found.middle[:, 0]
         turns = np.floor(x / period)[:, None] * np.array([period, 0.0, 0.0, 0.0])
         return FoundBoxes(found.box - turns, found.score, found.sigma).select((x >= -slack) & (x < period + slack))
+
+
+def _panorama(camera: Camera | None, image: Image, wraps: bool) -> PanoramicCamera | None:
+    """The panoramic camera of an image. Where none is known, an image that wraps and is twice as wide as high is of the whole sphere."""
+    if isinstance(camera, PanoramicCamera):
+        return camera
+    height, width = image.shape[:2]
+    return Panorama(width, height) if camera is None and wraps and width == 2 * height else None
 
 
 def _within(found: FoundBoxes, image: NDArray[np.uint8], wraps: bool) -> FoundBoxes:

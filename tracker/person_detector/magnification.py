@@ -13,12 +13,8 @@ import numpy as np
 from tracker.geometry import Image, Mask
 from tracker.person_detector.found_boxes import FoundBoxes
 
-SMALL = 60.0
-"""px of the picture: bodies below this height are taken from parts at twice the size."""
-SHARED = 51.0
-"""px: bodies from this height on are taken from the picture as well. Suppression keeps one box of each."""
-LEAST_LOGIT = -2.0
-"""Logit of a peak that is reason for a second look."""
+SHARED = 0.85
+"""Share of the height below which bodies are magnified, from which on they are taken from the picture as well. Suppression keeps one box of each."""
 TILE, MARGIN, SLACK = 32, 16, 6
 """px: edge of a tile, what is seen around a part, and how far beside it a body may be that belongs to it."""
 LARGEST_SHARE = 0.4
@@ -51,10 +47,9 @@ class Part:
         return np.asarray(cv2.resize(part, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR), np.uint8)
 
 
-def magnified_parts(peaks: FoundBoxes, shape: tuple[int, ...], wraps: bool) -> list[Part]:
+def magnified_parts(small: FoundBoxes, shape: tuple[int, ...], wraps: bool) -> list[Part]:
     """The parts of an image of shape (H, W, …) with peaks of small bodies, those with the surest peak first, up to LARGEST_SHARE of the image."""
     height, width = shape[:2]
-    small = peaks.select((peaks.height < SMALL) & (peaks.score >= LEAST_LOGIT))
     if not len(small):
         return []
     tiles = np.zeros((-(-height // TILE), -(-width // TILE)), np.uint8)

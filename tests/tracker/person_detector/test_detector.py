@@ -20,7 +20,7 @@ from tracker.geometry.ground import Flat
 from tracker.geometry.image_boxes import box_overlaps
 from tracker.person_detector.detector import CameraPlace, PersonDetector, could_stand
 from tracker.person_detector.found_boxes import FoundBoxes, one_for_each
-from tracker.person_detector.magnification import LARGEST_SHARE, SMALL, magnified_parts
+from tracker.person_detector.magnification import LARGEST_SHARE, magnified_parts
 from tracker.person_detector.network import PersonNetwork
 from tracker.recordings import RecordingCamera
 
@@ -69,9 +69,8 @@ def test_magnified_parts_are_bounded_and_hold_their_peaks() -> None:
     parts = magnified_parts(peaks, (256, 512, 3), wraps=False)
     assert parts == magnified_parts(peaks.select(rng.permutation(80)), (256, 512, 3), wraps=False)
     assert 0 < sum(part.area for part in parts) <= LARGEST_SHARE * 256 * 512
-    surest = peaks.select(np.array([np.argmax(np.where(peaks.height < SMALL, peaks.score, -np.inf))]))
-    assert parts[0].holds(surest).all()
-    assert not magnified_parts(peaks.select(peaks.height >= SMALL), (256, 512, 3), wraps=True)
+    assert parts[0].holds(peaks.select(np.array([np.argmax(peaks.score)]))).all()
+    assert not magnified_parts(FoundBoxes.none(), (256, 512, 3), wraps=True)
 
 
 def test_scores_follow_the_calibration(tmp_path: Path) -> None:
