@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
@@ -17,8 +17,13 @@ class Detect:
 
     SOURCE is a video, an image, a folder of images or videos, or any source of
     `track` with images. Images of a folder are taken in the order of the numbers in
-    their names, upright by their EXIF orientation. Boxes are those of whole bodies,
-    as MOT15, a file a camera. The same command goes on after an interruption.
+    their names, upright by their EXIF orientation. Boxes are MOT15, a file a camera.
+    The same command goes on after an interruption.
+
+    CAMERA.visible.txt has a row for each row of CAMERA.txt: the box of the visible
+    part, and the share of the body that is seen in place of the probability.
+    Nearer people, who have lower feet, cover those behind them. Behind furniture,
+    walls and things, bodies are taken as whole, as the network knows whole bodies.
 
     Examples: pilsim detect street.mp4 --out runs/boxes --pictures
               pilsim detect PETS2009/S2.L1 --cameras 1 --frames 0:400 --out runs/boxes
@@ -28,6 +33,8 @@ class Detect:
     """The images."""
     out: Out
     """Folder of CAMERA.txt: frame from 1, −1, left, top, width, height in pixels, probability."""
+    boxes: Literal["whole", "visible"] = "whole"
+    """What CAMERA.txt holds: boxes of whole bodies, or of their visible parts."""
     cameras: Annotated[str, unset("NAME,...", "all")] = ""
     """Cameras of a recording or sequence to use, as C1,C3."""
     frames: Annotated[str, unset("A:B", "all")] = ""
@@ -64,7 +71,7 @@ class Detect:
         from tracker.run import check_output
 
         check_output(self.out)
-        how = DetectionRun(PersonDetector(self.model), True if self.panorama else None, self.pictures, self.video)
+        how = DetectionRun(PersonDetector(self.model), True if self.panorama else None, self.pictures, self.video, self.boxes == "visible")
         run = {"source": str(self.source.resolve()), "cameras": self.cameras, "frames": self.frames}
         if self.source.exists() and not any(form.matches(self.source) for form in SOURCES) and is_pictures(self.source):
             if self.cameras or self.frames:

@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 class ScoreDetections:
     """Score the boxes of a detector: AP, MODA, MODP, feet.
 
-    AP is average precision. Truth is a sequence of pilsim, a recording, or a MOT15
+    AP is average precision, also by the share of a body that is seen (0.1 to 0.3, 0.3
+    to 0.6, above), where truth has it, as sequences do. Boxes of `detect --boxes
+    visible` are scored against the visible parts of a sequence. Truth is a sequence of pilsim, a recording, or a MOT15
     file. The result is what `detect` writes. True boxes of PETS 2009 are those of
     View_001; other views and places have bodies of 1.75 x 0.5 m.
 

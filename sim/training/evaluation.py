@@ -20,6 +20,7 @@ from sim.training.targets import HIDDEN, LEAST_VISIBLE
 from tracker.geometry import Array, Mask
 from tracker.geometry.cameras import Panorama
 from tracker.metrics.box_detection import IOU, NOBODY, average_precision, box_overlaps, match_by_score
+from tracker.metrics.box_scores import VISIBLE
 from tracker.person_detector.detector import PersonDetector
 from tracker.person_detector.found_boxes import FoundBoxes, kept_rows
 from tracker.person_detector.search_levels import search_levels
@@ -31,7 +32,6 @@ SEEN = 0.5
 HEIGHTS = (20.0, 256.0)
 """px: heights of the bodies of the headline."""
 HEIGHT_BINS = (8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0)
-VISIBLE_BINS = (0.3, 0.5, 0.8, 0.95, 1.0001)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,17 +107,12 @@ def figures(images: list[FoundImage], nms_iou: float) -> dict[str, float | int]:
     out: dict[str, float | int] = {"bodies": count, "ap50": average_precision(logits, hits, count)}
     for low, high in pairwise(HEIGHT_BINS):
         out[f"ap50, {low:.0f}-{high:.0f} px"] = average_precision(*judged(images, Range((low, high)), nms_iou))
-    for low, high in pairwise(VISIBLE_BINS):
-        out[f"recall, visible {low:.2f}-{min(high, 1.0):.2f}"] = _recall(*judged(images, Range(visible=(low, high)), nms_iou))
+    for low, high in pairwise(VISIBLE):
+        out[f"ap50, seen {low:g}-{min(high, 1):g}"] = average_precision(*judged(images, Range(visible=(low, high)), nms_iou))
     for world in sorted({image.world for image in images}):
         own = [image for image in images if image.world == world]
         out[f"ap50, {world}"] = average_precision(*judged(own, Range(), nms_iou))
     return {name: round(value, 4) for name, value in out.items()}
-
-
-def _recall(_: Array, hits: Mask, count: int) -> float:
-    """Share of bodies that any candidate finds."""
-    return float(hits.sum() / count) if count else float("nan")
 
 
 def feet_errors(images: list[FoundImage], nms_iou: float) -> Array:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tracker.geometry import Array, angles_from_bearing, bearing_from_angles
+from tracker.geometry import Array, Mask, angles_from_bearing, bearing_from_angles
 from tracker.geometry.cameras import Camera, PanoramicCamera, Tsai
 from tracker.types import Detections
 
@@ -16,6 +16,10 @@ EDGE_SHARE = 0.02
 """The part of it that grows with the box: a share of its height."""
 DISTORTION_SHARE = 1.0
 """Standard deviation of a barrel distortion (κ1 < 0) as a share of its own size: such calibrations are poor (View_007 of PETS 2009, left)."""
+HIDDEN_FEET = 0.12
+"""Share of the height of a box from which on a visible part that ends above it has no feet."""
+LEAST_SHARE = 0.3
+"""Share of a body of which less is seen: the feet of most such bodies are hidden."""
 ITERATIONS = 60
 """Fixed-point iterations for the width of a detection; each reduces the error to a few per cent."""
 
@@ -51,6 +55,12 @@ def detections_from_boxes(camera: Camera, boxes: Array, confidence: Array, devia
     bearing = bearing_from_angles(azimuth, (low + high) / 2)
     extent = np.stack([span, high - low], axis=1)
     return Detections(bearing, extent, confidence, covariance, np.zeros((len(boxes), 0)))
+
+
+def feet_seen(boxes: Array, visible: Array) -> Mask:
+    """Whether the feet of boxes (n, 4) px are in their visible parts (n, 5): left, top, width, height px, and the share of the body."""
+    ends_above = boxes[:, 1] + boxes[:, 3] - visible[:, 1] - visible[:, 3]
+    return np.asarray((ends_above <= HIDDEN_FEET * boxes[:, 3]) & (visible[:, 4] >= LEAST_SHARE))
 
 
 def _turned(camera: Camera, turn: Array) -> Array:

@@ -1,8 +1,8 @@
 """Projection of detections to the ground: ground points of feet, their covariances, and whether the feet may be hidden.
 
-The lower edge of a box is at the feet only if the feet are visible. A nearer box over the lower edge, or the edge of the image, makes it likelier
-that the box ends above the feet. Where terrain and objects are known, range_likelihood.py says at which distances the box could be of a person.
-A box that leaves several distances is ambiguous.
+The lower edge of a box is at the feet only if the feet are visible. A nearer box over the lower edge, the edge of the image, or a detector that
+says so makes it likelier that they are not. Where terrain and objects are known, range_likelihood.py says at which distances the box could be of a
+person. A box that leaves several distances is ambiguous.
 """
 
 from __future__ import annotations
@@ -105,6 +105,8 @@ def project_to_ground(setup: Setup, camera: str, detections: Detections, pose: t
     covariance = detections.covariance + _pose_covariance(foot, np.where(grounded, np.linalg.norm(point - origin, axis=1), 10.0), mount, pose)
     spread = _ground_covariance(foot, point - origin, covariance) + parameters.foot_spread**2 * np.eye(2)
     near, covered = _nearer_boxes(up - half, across, detections, parameters)
+    if detections.feet_seen is not None:
+        near, covered = near | ~detections.feet_seen, covered | ~detections.feet_seen
     cut = ~mount.camera.pixels_from_bearings(bearing_from_angles(across, up - half - parameters.edge))[1]
     feet_hidden = np.array(parameters.feet_hidden)[np.where(cut, 2, covered + 0)]
     feet = GroundDetections(
@@ -115,7 +117,9 @@ def project_to_ground(setup: Setup, camera: str, detections: Detections, pose: t
         return feet
     if setup.occluders is None:
         return _with_hidden_feet(feet, setup, (azimuth, detections.extent[:, 0] / 2, low), covered | cut, parameters)
-    feet_hidden = np.array(parameters.feet_hidden_known)[covered + 0]
+    # What a detector says of the feet holds whatever the map explains.
+    told = np.zeros(len(feet), dtype=bool) if detections.feet_seen is None else ~detections.feet_seen
+    feet_hidden = np.where(told, parameters.feet_hidden[1], np.array(parameters.feet_hidden_known)[covered + 0])
     edges = BoxEdges(azimuth, detections.extent[:, 0] / 2, low, high, covariance[:, 1, 1], feet_hidden)
     ranges = infer_ranges((setup.ground, setup.occluders), origin, edges, parameters.ahead, parameters.ranges)
     return _with_ranges(feet, setup, ranges, azimuth, parameters)

@@ -9,10 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from tracker.detections.boxes import detections_from_boxes
+from tracker.detections.boxes import detections_from_boxes, feet_seen
 from tracker.formats.ros.bag_reader import is_bag
 from tracker.formats.source_options import SourceOptions, camera_named
 from tracker.formats.table import PILSIM, SOURCES, UTIAS, Format, is_sequence
+from tracker.io.mot15 import VISIBLE_FILE
 from tracker.io.picture_folders import content_checksum
 from tracker.io.resume import checksum
 from tracker.io.time_order import say
@@ -20,8 +21,9 @@ from tracker.recordings import FrameBoxes, Recording
 from tracker.recordings.calibration_check import suspicion
 from tracker.recordings.clock_offsets import AUTO, estimated_offsets, parsed_offsets, with_offsets
 from tracker.recordings.degradation import Degradation, degraded_boxes, noisy_boxes, projected_boxes
-from tracker.recordings.folder import read_boxes
+from tracker.recordings.folder import read_boxes, read_visible_parts
 from tracker.recordings.images import VideoFile
+from tracker.recordings.recording import FrameVectors
 from tracker.sequence.dataset import FILE as DATASET
 from tracker.sequence.dataset import MANIFEST
 from tracker.sequence.reader import read_sequence
@@ -125,8 +127,11 @@ def _with_options(path: Path, recording: Recording, options: SourceOptions) -> R
     source = dict(recording.source)
     files = options.detection_files(list(recording.cameras))
     recording = recording.with_detections({name: read_boxes(file) for name, file in files.items()})
+    visible = {name: parts for name, file in files.items() if (parts := read_visible_parts(file))}
+    recording = replace(recording, visible_parts={**recording.visible_parts, **visible})
     if files:
-        source["files"] = source.get("files", {}) | {file.name: checksum(file) for file in files.values()}
+        beside = [file.with_name(file.stem + VISIBLE_FILE) for name, file in files.items() if name in visible]
+        source["files"] = source.get("files", {}) | {file.name: checksum(file) for file in (*files.values(), *beside)}
     if options.projected is not None:
         # JRDB has labelled boxes, of people who sit, too.
         made = noisy_boxes if recording.source.get("labels_as_detections") else projected_boxes
@@ -163,13 +168,17 @@ def _with_clock_offsets(path: Path, recording: Recording, text: str) -> Recordin
 
 @dataclass(frozen=True, eq=False)
 class SelectedTicks:
-    """Ticks from `first` to `end` − 1 with the cameras of `setup` alone. detections: camera → boxes that replace its own."""
+    """Ticks from `first` to `end` − 1 with the cameras of `setup` alone.
+
+    detections: camera → boxes that replace its own. visible: camera → the visible parts of these boxes, where they are known.
+    """
 
     ticks: Ticks
     setup: Setup
     first: int
     end: int
     detections: dict[str, FrameBoxes]
+    visible: dict[str, FrameVectors]
 
     def __len__(self) -> int:
         return self.end - self.first
@@ -187,7 +196,10 @@ class SelectedTicks:
         if view.camera not in self.detections:
             return view
         boxes, confidence = self.detections[view.camera].get(frame, (np.zeros((0, 4)), np.zeros(0)))
-        return replace(view, detections=detections_from_boxes(self.setup.mounts[view.camera].camera, boxes, confidence))
+        found = detections_from_boxes(self.setup.mounts[view.camera].camera, boxes, confidence)
+        if (parts := self.visible.get(view.camera, {}).get(frame)) is not None:
+            found = replace(found, feet_seen=feet_seen(boxes, parts))
+        return replace(view, detections=found)
 
     def odometry(self) -> Iterator[dict[str, Odometry]]:
         for moved in islice(self.ticks.odometry(), self.first, self.end):
@@ -212,11 +224,13 @@ def selected(sequence: Sequence, options: SourceOptions) -> Sequence:
         raise ValueError(f"--frames begins at {first}, needs a first frame below {len(sequence.ticks)}, all that the sequence has")
     if first and setup.moving_robots:
         raise ValueError(f"--frames begins at {first}, needs 0 where robots move, since their start is known at frame 0 alone")
-    detections: dict[str, FrameBoxes] = {name: read_boxes(file) for name, file in options.detection_files(list(kept)).items()}
+    files = options.detection_files(list(kept))
+    detections: dict[str, FrameBoxes] = {name: read_boxes(file) for name, file in files.items()}
+    visible: dict[str, FrameVectors] = {name: read_visible_parts(file) for name, file in files.items()}
     columns = [list(mounts).index(name) for name in kept]
     truth = None if sequence.truth is None else tuple(_of_truth(t, t.index - first, setup, columns) for t in sequence.truth[first:end])
     provenance = sequence.provenance | {"cameras": list(kept), "frames": [first, end]}
-    return Sequence(setup, SelectedTicks(sequence.ticks, setup, first, end, detections), truth, provenance)
+    return Sequence(setup, SelectedTicks(sequence.ticks, setup, first, end, detections, visible), truth, provenance)
 
 
 def _of_truth(truth: Truth, index: int, setup: Setup, columns: list[int]) -> Truth:

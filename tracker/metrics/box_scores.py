@@ -13,8 +13,8 @@ from tracker.metrics.box_detection import IOUS, ImageBoxes, WantedBodies, best_m
 
 HEIGHTS = (0.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0, float("inf"))
 """px: bounds of the heights by which bodies are scored."""
-VISIBLE = (0.0, 0.3, 0.5, 0.8, 0.95, float("inf"))
-"""Bounds of the visible shares by which bodies are scored."""
+VISIBLE = (0.1, 0.3, 0.6, float("inf"))
+"""Bounds of the visible shares by which bodies are scored: a part of a body, about half, and most of it. Less is no detector's task."""
 BLOCK, FEWEST_BLOCKS, RESAMPLES = 20, 6, 500
 """Most images of a block that is drawn whole, fewest blocks of an interval, and resamples."""
 SEED = 20090

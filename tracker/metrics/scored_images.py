@@ -36,10 +36,14 @@ NONE = np.zeros((0, 4)), np.zeros(0)
 
 @dataclass(frozen=True, eq=False)
 class FoundFiles:
-    """Boxes of a detector: camera → frame from 0 → boxes (n, 4) left, top, width, height px and scores (n,). frames: those searched, None for all."""
+    """Boxes of a detector: camera → frame from 0 → boxes (n, 4) left, top, width, height px and scores (n,).
+
+    frames: those searched, None for all. visible: whether boxes are of visible parts, in place of whole bodies.
+    """
 
     boxes: Mapping[str, FrameBoxes]
     frames: tuple[int, int | None] | None
+    visible: bool = False
 
 
 def images_of(truth: Path, result: Path, options: SourceOptions) -> list[ImageBoxes]:
@@ -70,9 +74,9 @@ def found_boxes(result: Path, cameras: list[str], options: SourceOptions) -> Fou
         missing = [name for name in wanted if name not in files] if options.cameras else []
         if missing:
             raise ValueError(f"{result / missing[0]}.txt: no such file")
-        searched = _searched(result / RUN)
+        searched, visible = _statement(result / RUN)
         first = searched[0] if searched else 0
-        return FoundFiles({name: _by_frame(file, read_mot15(file), first) for name, file in files.items()}, searched)
+        return FoundFiles({name: _by_frame(file, read_mot15(file), first) for name, file in files.items()}, searched, visible)
     if not result.is_file():
         raise ValueError(f"{result}: no such file or folder")
     named = [result.stem] if result.stem in wanted else wanted
@@ -81,12 +85,13 @@ def found_boxes(result: Path, cameras: list[str], options: SourceOptions) -> Fou
     return FoundFiles({named[0]: _by_frame(result, read_mot15(result), 0)}, None)
 
 
-def _searched(statement: Path) -> tuple[int, int | None] | None:
-    """The frames of the source that `pilsim detect` searched; its files count from the first of them."""
+def _statement(statement: Path) -> tuple[tuple[int, int | None] | None, bool]:
+    """The frames of the source that `pilsim detect` searched, from whose first its files count, and whether its boxes are of visible parts."""
     content = read_json(statement) if statement.is_file() else {}
     text = content.get("frames", "") if isinstance(content, dict) else ""
     try:
-        return SourceOptions.parse(frames=text).frames if isinstance(text, str) else None
+        frames = SourceOptions.parse(frames=text).frames if isinstance(text, str) else None
+        return frames, isinstance(content, dict) and content.get("boxes") == "visible"
     except ValueError as error:
         raise ValueError(f"{statement}: {error}") from None
 
@@ -141,9 +146,11 @@ def _images_of_sequence(path: Path, result: Path, options: SourceOptions) -> Ite
             feet = np.array([place.get(person, (np.nan, np.nan)) for person in bodies.person.tolist()]).reshape(n, 2)
             # Boxes of sequences count pixels from the corner of the image, whatever the camera does.
             own_feet = feet_on_ground((camera, _camera_pose(sequence, name, frame)), sequence.setup.ground, edges + camera.pixel_centre - 0.5)
-            counts, judged_ = np.ones(n, dtype=np.bool_), np.ones(len(box), dtype=np.bool_)
+            # Who is hidden has no visible part.
+            counts, judged_ = (bodies.visible > 0) | (not found.visible), np.ones(len(box), dtype=np.bool_)
             period = float(camera.width) if camera.wraps else None
-            yield ImageBoxes(bodies.full, edges, score, bodies.visible, counts, judged_, feet, own_feet, period, world, name)
+            whole = bodies.seen if found.visible else bodies.full
+            yield ImageBoxes(whole, edges, score, bodies.visible, counts, judged_, feet, own_feet, period, world, name)
 
 
 def _camera_pose(sequence: Sequence, name: str, frame: int) -> Pose:
@@ -160,6 +167,8 @@ def _images_of_recording(path: Path, result: Path, options: SourceOptions) -> It
     recording = open_recording(path, SourceOptions(pixels=True))
     labels = bool(recording.source.get("labels_as_detections"))
     found = found_boxes(result, list(recording.cameras), options)
+    if found.visible and not labels:
+        raise ValueError(f"{result}: has boxes of visible parts, and {path} has true boxes of whole bodies, needs `pilsim detect --boxes whole`")
     frames = _frames(recording.frames, options.frames or found.frames, path)
     for name, boxes in found.boxes.items():
         yield from _of_labels(path, recording, name, (frames, boxes)) if labels else _of_camera(path, recording, name, (frames, boxes))

@@ -15,14 +15,17 @@ import numpy as np
 from tracker.geometry import Array, Image
 from tracker.io.atomic import Kept, begin_folder, discard_folder, finish_folder, unfinished_path, write_text
 from tracker.io.json_files import json_text, read_json
-from tracker.io.mot15 import rows_from_boxes, write_mot15
+from tracker.io.mot15 import VISIBLE_FILE, rows_from_boxes, write_mot15
 from tracker.io.progress import progress_bar
 from tracker.io.resume import Journal, check_same, holds_run, json_value, program_version, same_or_new
 from tracker.io.video_files import VideoWriters
 from tracker.person_detector.detector import PersonDetector
 from tracker.person_detector.pictures import PictureFrame
+from tracker.person_detector.visible_parts import visible_parts
 
 RUN, JOURNAL = "run.json", ".found.jsonl"
+BOXES, VISIBLE = "boxes", "visible"
+"""Entry of the statement, and its value where CAMERA.txt holds visible parts; it is null where that holds whole bodies."""
 LINE = (255, 64, 0)
 """RGB of a drawn box."""
 
@@ -32,22 +35,29 @@ class DetectionRun:
     """How people are found: the detector, whether images wrap (None for what the camera says), and what is written beside the boxes.
 
     pictures: a JPEG of each image with the boxes drawn. video: a video of each camera with the boxes drawn.
+    visible: whether CAMERA.txt holds the boxes of visible parts in place of those of whole bodies.
     """
 
     detector: PersonDetector
     wraps: bool | None = None
     pictures: bool = False
     video: bool = False
+    visible: bool = False
 
 
 def write_detections(frames: Iterable[PictureFrame], total: int | None, folder: Path, run: Mapping[str, Any], how: DetectionRun) -> dict[str, Any]:
     """Find people in all frames and write the boxes into a new or empty folder, or read the statement of the same run there.
+
+    Each camera has CAMERA.txt, and CAMERA.visible.txt with a row for each of its rows: the box of the visible part, and in place of the
+    probability the share of the body that is seen.
 
     A run that was killed or interrupted goes on: boxes of images that are the same are not searched again.
     Returns the statement with `found`: camera → numbers of frames and boxes. total: number of frames, for the progress bar.
     Raises ValueError where the folder holds another run, or no frame has an image; the errors of `frames` leave no folder.
     """
     wanted = json_value({**run, "model": how.detector.network.checksum, "wraps": how.wraps, "pictures": how.pictures, "video": how.video})
+    # Older versions knew whole boxes alone, and wrote no entry, which equals null.
+    wanted[BOXES] = VISIBLE if how.visible else None
     return same_or_new(
         folder,
         lambda: _same(folder, wanted),
@@ -76,6 +86,7 @@ def _written(frames: Iterable[PictureFrame], partial: Path, wanted: dict[str, An
     """Write all files into the temporary folder and return the statement. The journal has the boxes of each image that was searched."""
     known = {(entry.get("camera"), entry.get("frame"), entry.get("image")): entry for entry in journal.entries}
     boxes: dict[str, dict[int, tuple[Array, Array]]] = {}
+    parts: dict[str, dict[int, tuple[Array, Array]]] = {}
     with journal, ExitStack() as stack:
         videos = _Videos(partial)
         stack.callback(videos.close)
@@ -87,6 +98,10 @@ def _written(frames: Iterable[PictureFrame], partial: Path, wanted: dict[str, An
                 entry |= {"box": np.round(found.box, 2).tolist(), "probability": np.round(found.score, 4).tolist()}
                 journal.add(entry)
             box, probability = np.array(entry["box"], dtype=float).reshape(-1, 4), np.array(entry["probability"], dtype=float)
+            seen = visible_parts(box, probability, float(one.image.shape[1]) if how.wraps or one.site.wraps else None)
+            parts.setdefault(one.camera, {})[one.frame + 1] = np.round(seen.box, 2), np.round(seen.share, 4)
+            if how.visible:
+                box = np.round(seen.box, 2)
             boxes.setdefault(one.camera, {})[one.frame + 1] = box, probability
             if how.pictures or how.video:
                 drawn = _drawn(one.image, box)
@@ -99,6 +114,7 @@ def _written(frames: Iterable[PictureFrame], partial: Path, wanted: dict[str, An
         raise ValueError(f"{wanted.get('source')}: no images to search, neither of a video nor of files")
     for camera, rows in boxes.items():
         write_mot15(partial / f"{camera}.txt", rows_from_boxes(rows))
+        write_mot15(partial / f"{camera}{VISIBLE_FILE}", rows_from_boxes(parts[camera]))
     counted = {camera: {"frames": len(rows), "boxes": sum(len(box) for box, _ in rows.values())} for camera, rows in boxes.items()}
     statement = {**wanted, "found": counted}
     write_text(partial / RUN, json_text(statement, indent=1) + "\n")

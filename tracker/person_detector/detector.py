@@ -40,6 +40,11 @@ class CameraPlace:
     ground: Ground | None = None
     above: CameraHeight | None = None
 
+    @property
+    def wraps(self) -> bool:
+        """Whether the right edge of its images continues at the left one."""
+        return self.camera is not None and self.camera.wraps
+
 
 class PersonDetector:
     """The detector of people in pixels.
@@ -63,7 +68,7 @@ class PersonDetector:
         if site.camera is not None and image.shape[:2] != (site.camera.height, site.camera.width):
             raise ValueError(f"image is {image.shape[1]} x {image.shape[0]} px, its camera {site.camera.width} x {site.camera.height}")
         if wraps is None:
-            wraps = site.camera is not None and site.camera.wraps
+            wraps = site.wraps
         levels = search_levels(image.shape, _panorama(site.camera, image, wraps), site.above)
         peaks = self.peaks(image, levels, wraps, self.network.calibration.least_logit)
         found = FoundBoxes(peaks.box, self.network.calibration.probabilities(peaks.score), peaks.sigma)

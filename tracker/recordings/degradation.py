@@ -98,7 +98,7 @@ def projected_boxes(recording: Recording, noise: BoxNoise | None = None, seed: i
             box = np.zeros((0, 4)) if pose is None else body_boxes(camera.camera, pose, feet, body)
             boxes[frame] = box, np.full(len(box), CONFIDENCE)
         detections[name] = boxes
-    noisy = noisy_boxes(replace(recording, detections=detections, appearances={}, covariances={}), noise, seed)
+    noisy = noisy_boxes(replace(recording, detections=detections, appearances={}, covariances={}, visible_parts={}), noise, seed)
     made = {"height": body[0], "width": body[1], **noisy.source["noisy_boxes"]}
     return replace(noisy, source={**recording.source, "projected_boxes": made})
 
@@ -111,7 +111,7 @@ def noisy_boxes(recording: Recording, noise: BoxNoise | None = None, seed: int =
     noise = noise or BoxNoise()
     detections = {name: noise.apply(boxes, recording.cameras[name].camera, stream(seed, name)) for name, boxes in recording.detections.items()}
     source = {**recording.source, "noisy_boxes": {"misses": noise.misses, "edges": noise.edges, "seed": seed}}
-    return replace(recording, detections=detections, appearances={}, covariances={}, source=source)
+    return replace(recording, detections=detections, appearances={}, covariances={}, visible_parts={}, source=source)
 
 
 @dataclass(frozen=True)

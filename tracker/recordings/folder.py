@@ -5,6 +5,8 @@
   frames are no frames in which nobody was seen. Without it, all were searched.
 * detections/CAMERA.txt (MOT15): frame from 1, -1, left, top, width, height [px], confidence, -1, -1, -1.
 * detections/CAMERA.covariance.npy (optional): c00, c01, c11 [rad²] of each box, the covariance of Detections (rows, 3), in the order of the rows.
+* detections/CAMERA.visible.txt (optional, MOT15): the visible part of each box and the share of the body that is seen, as `pilsim detect` writes
+  them: a row for each row of CAMERA.txt, frame by frame in the same order, with the share in place of the confidence.
 * robot_detections.csv (optional): other robots that a camera sees: frame from 1, and the columns of companions.csv of a sequence.
 * detections/CAMERA.npy (optional): appearance vectors of the boxes, an array (rows, d) of floating-point numbers, a row for each row of
   CAMERA.txt in the same order. They are compared by their cosine: length and scale do not matter. A row of zeros says nothing.
@@ -39,7 +41,7 @@ from tracker.geometry.ground import Flat, Ground
 from tracker.io.atomic import new_file, write_text
 from tracker.io.csv_tables import read_terrain, rows_by_frame, write_table
 from tracker.io.json_files import read_json
-from tracker.io.mot15 import Mot15Rows, place_of_row, read_detections, read_mot15, rows_from_boxes, rows_from_tracks, write_mot15
+from tracker.io.mot15 import VISIBLE_FILE, Mot15Rows, place_of_row, read_detections, read_mot15, rows_from_boxes, rows_from_tracks, write_mot15
 from tracker.io.picture_folders import say_left_out
 from tracker.io.resume import checksums
 from tracker.io.time_order import say
@@ -104,6 +106,7 @@ def read_recording(path: Path, strict: bool = True) -> Recording:
             searched=_searched(content.get("searched"), cameras, f"{file}: searched"),
             appearances=_of_boxes(path / "detections", list(cameras), ".npy"),
             covariances=_of_boxes(path / "detections", list(cameras), COVARIANCES),
+            visible_parts={name: parts for name in cameras if (parts := read_visible_parts(path / "detections" / f"{name}.txt"))},
             source={"source": "recording", "cameras": list(cameras), "files": _checksums(path)},
         )
     except (TypeError, ValueError) as error:
@@ -166,9 +169,7 @@ def _searched(given: Any, cameras: Mapping[str, RecordingCamera], where: str) ->
         return {}
     if not isinstance(by_camera, dict) or (unknown := sorted(set(by_camera) - set(fixed))):
         other = f"names {unknown[0]!r}" if isinstance(by_camera, dict) else f"is {repr(given)[:60]}"
-        raise ValueError(
-            f"{where} {other}, needs a list of [first, last] frames from 1, or an object with one for each of {', '.join(fixed)}"
-        )
+        raise ValueError(f"{where} {other}, needs a list of [first, last] frames from 1, or an object with one for each of {', '.join(fixed)}")
     out: dict[str, frozenset[int]] = {}
     for name, runs in by_camera.items():
         frames: set[int] = set()
@@ -205,6 +206,8 @@ def _detections(path: Path, cameras: Mapping[str, RecordingCamera]) -> dict[str,
     files = sorted(file for file in folder.glob("*") if not file.name.startswith("."))
     say_left_out(folder, [file for file in files if file.suffix not in (".txt", ".npy") and file.stem not in cameras], "need the name CAMERA.txt")
     for file in files:
+        if file.name.endswith(VISIBLE_FILE) and file.name.removesuffix(VISIBLE_FILE) in cameras:
+            continue
         if file.suffix == ".txt" and file.stem not in cameras:
             raise ValueError(f"{file}: is of camera {file.stem!r}, {FILE} has {', '.join(cameras)}")
         if file.suffix not in (".txt", ".npy") and file.stem in cameras:
@@ -217,6 +220,26 @@ def _detections(path: Path, cameras: Mapping[str, RecordingCamera]) -> dict[str,
 def read_boxes(file: Path) -> dict[int, tuple[Array, Array]]:
     """Detections of a camera (MOT15) → frame from 0 → boxes (n, 4) px and confidence (n,). Raises ValueError with file and line."""
     return {frame - 1: of_frame for frame, of_frame in read_detections(file).items()}
+
+
+def read_visible_parts(file: Path) -> dict[int, Array]:
+    """The visible parts of the boxes of CAMERA.txt, in CAMERA.visible.txt beside it: frame from 0 → (n, 5), as of Recording. None without it.
+
+    Raises ValueError with the file for rows that are not those of the boxes, and for shares out of bounds.
+    """
+    beside = file.with_name(file.stem + VISIBLE_FILE)
+    if not beside.is_file():
+        return {}
+    if not file.is_file():
+        raise ValueError(f"{beside}: has no {file.name} beside it, needs the boxes that it belongs to")
+    boxes, parts = read_boxes(file), read_boxes(beside)
+    for frame in sorted(boxes.keys() | parts.keys()):
+        wanted, rows = (len(of[frame][0]) if frame in of else 0 for of in (boxes, parts))
+        if wanted != rows:
+            raise ValueError(f"{beside}: frame {frame + 1} has {rows} rows, needs {wanted}, one for each of {file.name}")
+        if not ((parts[frame][1] >= 0) & (parts[frame][1] <= 1)).all():
+            raise ValueError(f"{beside}: frame {frame + 1} has a share that is not in [0, 1]")
+    return {frame: np.column_stack(of_frame) for frame, of_frame in parts.items()}
 
 
 def _of_boxes(folder: Path, cameras: list[str], ending: str) -> dict[str, FrameVectors]:
@@ -370,6 +393,10 @@ def write_recording(folder: Path, recording: Recording) -> None:
         write_mot15(folder / "detections" / f"{name}.txt", rows_from_boxes({frame + 1: of_frame for frame, of_frame in boxes.items()}))
     _write_of_boxes(folder / "detections", ".npy", recording.detections, recording.appearances)
     _write_of_boxes(folder / "detections", COVARIANCES, recording.detections, recording.covariances)
+    for name, parts in recording.visible_parts.items():
+        whole = {f: parts.get(f, np.column_stack([box, np.ones(len(box))])) for f, (box, _) in recording.detections[name].items()}
+        rows_of = rows_from_boxes({f + 1: (of_frame[:, :4], of_frame[:, 4]) for f, of_frame in whole.items()})
+        write_mot15(folder / "detections" / (name + VISIBLE_FILE), rows_of)
     if recording.robot_detections:
         seen_by = ((frame, name, seen) for name, of_camera in recording.robot_detections.items() for frame, seen in of_camera.items())
         rows_seen = [row for frame, name, seen in sorted(seen_by, key=lambda s: s[:2]) for row in robot_detection_rows(frame + 1, name, seen)]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tracker.detections.boxes import detections_from_boxes
+from tracker.detections.boxes import detections_from_boxes, feet_seen
 from tracker.geometry import Array, Ints, Pose
 from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Camera, Pinhole
 from tracker.geometry.ground import Flat, Ground
@@ -37,6 +37,8 @@ STATURE = (1.4, 2.3)
 """m: the default band of body heights, as in Setup."""
 GUESSED_FOCAL = 0.8
 """Focal length over the width of the image where it is not known."""
+OF_BOXES = {"appearances": "d", "covariances": "3", "visible_parts": "5"}
+"""Fields of a recording with a vector for each box, and the lengths of the vectors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +107,7 @@ class Recording:
     clocks: camera → when it took its frames. Its frames, in all fields, are its own then; others are in step with the recording (clocks.py).
     appearances: camera → frame → vectors (n, d) of the boxes of that frame, as in Detections; they are left out where other boxes come in.
     covariances: camera → frame → (n, 3) rad²: c00, c01, c11 of the covariance in Detections that the detector states; left out likewise.
+    visible_parts: camera → frame → (n, 5): left, top, width, height px of the visible part of each box, and the share seen; left out likewise.
     robot_detections: camera → frame → the other robots that it sees; empty where no detector of robots runs.
     visible: frame → (k,) the largest share of each true person that a camera sees, in [0, 1]; 1 for frames without an entry.
     occluders: height map of walls and furniture, or None. pillars: as in Setup. images: camera → its images. robots: name → RecordingRobot.
@@ -127,6 +130,7 @@ class Recording:
     visible: Mapping[int, Array] = field(default_factory=dict)
     appearances: Mapping[str, FrameVectors] = field(default_factory=dict)
     covariances: Mapping[str, FrameVectors] = field(default_factory=dict)
+    visible_parts: Mapping[str, FrameVectors] = field(default_factory=dict)
     robot_detections: Mapping[str, Mapping[int, RobotDetections]] = field(default_factory=dict)
     searched: Mapping[str, frozenset[int]] = field(default_factory=dict)
     clocks: Mapping[str, CameraClock] = field(default_factory=dict)
@@ -142,7 +146,7 @@ class Recording:
         low, high = self.height
         if not 0 < low < high < np.inf:
             raise ValueError(f"height is {list(self.height)}, needs two numbers of metres above 0, the lower first")
-        for kind in ("detections", "images", "appearances", "searched", "clocks"):
+        for kind in ("detections", "images", *OF_BOXES, "searched", "clocks"):
             if unknown := sorted(set(getattr(self, kind)) - set(self.cameras)):
                 raise ValueError(f"{kind} has camera {unknown[0]!r}, needs one of {', '.join(self.cameras)}")
         for name, camera in self.cameras.items():
@@ -158,8 +162,8 @@ class Recording:
             raise ValueError(f"frames is {self.frames}, needs more than {self._last_frame()}, the last with data, and at most {MAX_FRAMES}")
         if self.frames * len(self.cameras) > MAX_VIEWS:
             raise ValueError(f"frames is {self.frames} of {len(self.cameras)} cameras, needs at most {MAX_VIEWS} views in all")
-        for kind, of_cameras, length in (("appearances", self.appearances, "d"), ("covariances", self.covariances, "3")):
-            for name, vectors in of_cameras.items():
+        for kind, length in OF_BOXES.items():
+            for name, vectors in getattr(self, kind).items():
                 for frame, of_frame in vectors.items():
                     count = len(self.detections.get(name, {}).get(frame, NO_BOXES)[0])
                     if np.ndim(of_frame) != 2 or len(of_frame) != count or length not in ("d", str(of_frame.shape[1])):
@@ -234,9 +238,10 @@ class Recording:
             if name in number and isinstance(source, ImageFiles) else source
             for name, source in files.items()
         }  # fmt: skip
+        vectors: dict[str, Any] = {kind: moved(kind) for kind in OF_BOXES}
         return replace(
             self, clocks={}, images=images, searched={**self.searched, **searched}, detections=moved("detections"),
-            appearances=moved("appearances"), covariances=moved("covariances"), robot_detections=moved("robot_detections"),
+            robot_detections=moved("robot_detections"), **vectors,
         )  # fmt: skip
 
     def apart(self, name: str) -> Array:
@@ -262,10 +267,10 @@ class Recording:
 
     def with_detections(self, detections: Mapping[str, FrameBoxes]) -> Recording:
         """The recording with other detections of the named cameras. It has at least as many frames as before."""
-        kept, stated = ({n: v for n, v in of.items() if n not in detections} for of in (self.appearances, self.covariances))
+        kept: dict[str, Any] = {kind: {n: v for n, v in getattr(self, kind).items() if n not in detections} for kind in OF_BOXES}
         searched = {name: frames for name, frames in self.searched.items() if name not in detections}
         boxes = {**self.detections, **detections}
-        changed = replace(self, frames=0, detections=boxes, appearances=kept, covariances=stated, searched=searched)
+        changed = replace(self, frames=0, detections=boxes, searched=searched, **kept)
         return replace(changed, frames=max(self.frames, changed.frames))
 
     def pose_at(self, camera: RecordingCamera, frame: int) -> Pose | None:
@@ -285,17 +290,16 @@ class Recording:
             raise ValueError(f"cameras are {','.join(names)}, needs each once")
         chosen = {name: self.cameras[name] for name in names}
         carriers = {camera.robot for camera in chosen.values()}
+        parts: dict[str, Any] = {
+            kind: {name: getattr(self, kind)[name] for name in names if name in getattr(self, kind)}
+            for kind in ("detections", *OF_BOXES, "searched", "clocks", "images")
+        }
         return replace(
             self,
             cameras=chosen,
-            detections={name: self.detections[name] for name in names if name in self.detections},
-            appearances={name: self.appearances[name] for name in names if name in self.appearances},
-            covariances={name: self.covariances[name] for name in names if name in self.covariances},
             robot_detections={name: _of_robots(self.robot_detections[name], carriers) for name in names if name in self.robot_detections},
-            searched={name: self.searched[name] for name in names if name in self.searched},
-            clocks={name: self.clocks[name] for name in names if name in self.clocks},
-            images={name: self.images[name] for name in names if name in self.images},
             robots={name: robot for name, robot in self.robots.items() if name in carriers},
+            **parts,
         )
 
     def cut(self, first: int, end: int) -> Recording:
@@ -310,6 +314,7 @@ class Recording:
             low, high = spans.get(name, (first, end))
             return {frame - low: value for frame, value in by_frame.items() if low <= frame < high}
 
+        vectors: dict[str, Any] = {kind: {name: part(of, name) for name, of in getattr(self, kind).items()} for kind in OF_BOXES}
         robots = {
             name: replace(robot, odometry=part(robot.odometry), truth=None if robot.truth is None else part(robot.truth))
             for name, robot in self.robots.items()
@@ -319,16 +324,15 @@ class Recording:
         return replace(
             self,
             detections={name: part(boxes, name) for name, boxes in self.detections.items()},
-            appearances={name: part(vectors, name) for name, vectors in self.appearances.items()},
             searched={name: frozenset(part(dict.fromkeys(frames), name)) for name, frames in self.searched.items()},
             clocks={name: self._cut_clock(name, spans[name], begin) for name in self.clocks},
-            covariances={name: part(vectors, name) for name, vectors in self.covariances.items()},
             robot_detections={name: part(seen, name) for name, seen in self.robot_detections.items()},
             truth=None if self.truth is None else part(self.truth),
             visible=part(self.visible),
             images={name: source.cut(*spans[name]) for name, source in self.images.items()},
             frames=end - first,
             robots=robots,
+            **vectors,
         )
 
     def _span(self, name: str, first: int, end: int) -> tuple[int, int]:
@@ -409,6 +413,8 @@ class Recording:
                 detections = replace(detections, appearance=vectors[index])
             if len(detections) and index in (stated := self.covariances.get(name, {})):
                 detections = replace(detections, covariance=stated[index][:, [0, 1, 1, 2]].reshape(-1, 2, 2))
+            if found is not None and len(detections) and index in (parts := self.visible_parts.get(name, {})):
+                detections = replace(detections, feet_seen=feet_seen(found[0], parts[index]))
             frame = index if self.clocks else None
             views.append(View(name, detections, odometry=odometry, robot_detections=robots, frame=frame))
         return Tick(planned.frame, planned.time, tuple(views), planned.reported)

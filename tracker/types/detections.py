@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.geometry import Array, Ints, check_covariances, check_unit, set_array, set_ints
+from tracker.geometry import Array, Ints, Mask, check_covariances, check_unit, set_array, set_ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,6 +20,7 @@ class Detections:
     confidence (n,): any finite number, higher is surer.
     covariance (n, 2, 2) rad² of an edge of the box in the tangent plane (geometry.tangent_basis).
     appearance (n, d): vectors of an appearance model, compared by their cosine; d is 0 where there are none, and zeros say nothing.
+    feet_seen (n,): False where the detector knows that the feet are hidden; None, which becomes True for all, where it does not say.
     """
 
     bearing: Array
@@ -27,6 +28,7 @@ class Detections:
     confidence: Array
     covariance: Array
     appearance: Array
+    feet_seen: Mask | None = None
 
     def __post_init__(self) -> None:
         n = len(self.bearing)
@@ -35,6 +37,10 @@ class Detections:
         set_array(self, "confidence", (n,))
         set_array(self, "covariance", (n, 2, 2))
         set_array(self, "appearance", (n, None))
+        seen = np.ones(n, dtype=np.bool_) if self.feet_seen is None else np.array(self.feet_seen, dtype=np.bool_)
+        if seen.shape != (n,):
+            raise ValueError(f"feet_seen has shape {seen.shape}, needs ({n},)")
+        object.__setattr__(self, "feet_seen", seen)
         check_unit(self.bearing, "detection bearing")
 
     @staticmethod

@@ -24,6 +24,7 @@ def seen(
     ground: Ground | None = None,
     occluders: Grid | None = None,
     parameters: FusionParameters = PARAMETERS,
+    feet: bool = True,
 ) -> GroundDetections:
     """Whole boxes of people 1.7 m tall at (azimuth rad, distance m) from a panorama; a wall of 0.5 m stands `wall` m ahead of it. Another ground
     than the plane makes them end elsewhere than at it.
@@ -34,6 +35,7 @@ def seen(
     boxes = Detections(
         bearing_from_angles(azimuth, (low + high) / 2), extent, np.full(n, 0.9), np.tile(1e-6 * np.eye(2), (n, 1, 1)), np.zeros((n, 0))
     )
+    boxes = replace(boxes, feet_seen=np.full(n, feet))
     if wall is not None:
         heights = np.zeros((201, 801))
         heights[:, 400 + round(wall / 0.1)] = 0.5
@@ -57,6 +59,15 @@ def test_a_box_over_a_corner_of_another_leaves_its_feet_visible_and_one_over_all
     assert whole.spread[0, 0, 0] > 10 * corner.spread[0, 0, 0]
     assert abs(whole.point[0, 0] - 6.0) < 2 * np.sqrt(whole.spread[0, 0, 0])
     assert initiating(corner) == initiating(whole) == {0, 1}
+
+
+@pytest.mark.parametrize("occluders", [None, Grid(np.zeros((201, 801)), np.array([-40.0, -10.0]), 0.1)])
+def test_feet_that_a_detector_calls_hidden_are_no_feet(occluders: Grid | None) -> None:
+    """The box is alone in the image. Its feet, if they were seen, would be 6 m away; else statures tell the distance."""
+    shown, hidden = (seen([(0.0, 6.0)], occluders=occluders, feet=feet) for feet in (True, False))
+    assert (shown.ambiguous[0], hidden.ambiguous[0]) == (False, True)
+    assert hidden.spread[0, 0, 0] > 4 * shown.spread[0, 0, 0]
+    assert abs(hidden.point[0, 0] - 6.0) < 2 * np.sqrt(hidden.spread[0, 0, 0])
 
 
 def test_feet_just_above_a_wall_may_be_visible_or_hidden() -> None:

@@ -1,0 +1,60 @@
+"""Visible parts of found people: what nearer people cover of a box, by the order of their feet in the image.
+
+The network knows whole bodies alone. Who has lower feet is nearer, and covers what lies behind the middle of the own box, where a body is.
+So people behind people are known. People behind furniture, walls and things are taken as whole.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tracker.geometry import Array
+
+BODY = 0.6
+"""Share of the width of a box that a body fills: of the nearer one as what covers, of the farther one as what is covered."""
+SAMPLES = (25, 41)
+"""Points of a box, across and down, at which it is covered or not."""
+COVERED = 0.5
+"""Probability that a point is covered, from which on it is no part of the visible box."""
+
+
+@dataclass(frozen=True, eq=False)
+class VisibleParts:
+    """box (n, 4): left, top, width, height px around what is seen of each box, the whole where nothing is. share (n,): of the body that is seen."""
+
+    box: Array
+    share: Array
+
+
+def visible_parts(box: Array, score: Array, period: float | None) -> VisibleParts:
+    """The visible parts of boxes (n, 4) left, top, width, height px with probabilities (n,) that they are people.
+
+    period: width of an image that wraps, px.
+    """
+    across, down = ((np.arange(count) + 0.5) / count for count in SAMPLES)
+    body = np.abs(across - 0.5) <= BODY / 2
+    parts, shares, bottom = np.array(box), np.ones(len(box)), box[:, 1] + box[:, 3]
+    for k, (left, top, width, height) in enumerate(box.tolist()):
+        nearer = np.flatnonzero(bottom > bottom[k])
+        middle = box[nearer, 0] + box[nearer, 2] / 2
+        apart = (left + across * width)[:, None] - middle
+        if period is not None:
+            apart -= period * np.round(apart / period)
+        columns = np.abs(apart) < BODY / 2 * box[nearer, 2]
+        rows = (top + down * height)[:, None]
+        rows = (rows > box[nearer, 1]) & (rows < bottom[nearer])
+        seen = np.prod(1 - score[nearer] * (rows[:, None] & columns[None]), axis=2)
+        shares[k] = seen[:, body].mean()
+        open_ = seen > 1 - COVERED
+        if open_.any():
+            (first, last), (upper, lower) = (_ends(open_.any(axis=axis)) for axis in (0, 1))
+            parts[k] = left + first * width, top + upper * height, (last - first) * width, (lower - upper) * height
+    return VisibleParts(parts, shares)
+
+
+def _ends(open_: Array) -> tuple[float, float]:
+    """First and end of the open ones of some cells of a line, as shares of its length."""
+    rows = np.flatnonzero(open_)
+    return rows[0] / len(open_), (rows[-1] + 1) / len(open_)
