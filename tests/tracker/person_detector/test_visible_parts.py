@@ -30,11 +30,11 @@ FAR, NEAR = [100.0, 50.0, 40.0, 100.0], [90.0, 90.0, 60.0, 150.0]
 
 
 def test_who_has_lower_feet_covers_who_has_higher_ones() -> None:
-    """The nearer body is 36 px wide about the same middle, and begins 40 px below the farther head."""
+    """The nearer body is 30 px wide about the same middle, and begins 40 px below the farther head."""
     found = visible_parts(np.array([FAR, NEAR]), np.ones(2), None)
     np.testing.assert_allclose(found.share, [0.4, 1.0], atol=0.02)
     np.testing.assert_array_equal(found.box[1], NEAR)
-    # Beside the nearer body, 2 px on each side are open down to the feet.
+    # Beside the nearer body, 5 px on each side are open down to the feet.
     np.testing.assert_array_equal(found.box[0], FAR)
     wider = visible_parts(np.array([FAR, [70.0, 90.0, 100.0, 150.0]]), np.ones(2), None)
     np.testing.assert_allclose(wider.box[0], [100, 50, 40, 40], atol=2)
@@ -61,7 +61,7 @@ def test_shares_fall_with_the_probability_of_what_covers_and_have_no_seam() -> N
 def test_both_extents_are_written(tmp_path: Path) -> None:
     """A box of 20 x 70 px, and one twice as large whose body covers its lower part."""
     detector = PersonDetector(write_blob_network(tmp_path / "m.onnx"))
-    image = np.maximum(picture_with((256, 128), [(50.0, 46.0)]), picture_with((256, 128), [(52.0, 132.0)], 2 * BLOB))
+    image = np.maximum(picture_with((256, 128), [(50.0, 46.0)]), picture_with((256, 128), [(50.0, 132.0)], 2 * BLOB))
     frame = PictureFrame(0, "C1", image, CameraPlace())
     for visible in (False, True):
         out = tmp_path / str(visible)
@@ -70,7 +70,8 @@ def test_both_extents_are_written(tmp_path: Path) -> None:
         upper = int(np.argmin(boxes.box[:, 1]))
         assert len(boxes) == len(parts)
         assert parts.confidence[upper] == pytest.approx(51 / 70, abs=0.03)
-        np.testing.assert_allclose(parts.box[upper], [40, 11, 20, 51], atol=2)
+        # Two pixels at its left side are open down to the feet.
+        np.testing.assert_array_equal(parts.box[upper], boxes.box[upper])
         assert parts.confidence[np.argmax(boxes.box[:, 1] + boxes.box[:, 3])] == 1
         assert (boxes.box == parts.box).all() == visible
         with pytest.raises(ValueError, match="holds another run"):
