@@ -20,8 +20,8 @@ class Detect:
     their names, upright by their EXIF orientation. Boxes are MOT15, a file a camera.
     The same command goes on after an interruption.
 
-    CAMERA.visible.txt has a row for each row of CAMERA.txt: the box of the visible
-    part, and the share of the body that is seen in place of the probability.
+    CAMERA.visible.txt has a row for each row of CAMERA.txt, with the box of the
+    visible part. The share of the body that is seen is in place of the probability.
     Nearer people, who have lower feet, cover those behind them. Behind furniture,
     walls and things, bodies are taken as whole, as the network knows whole bodies.
 

@@ -45,6 +45,8 @@ class ScoreDetections:
     """Heights of bodies in px that have to be found, as 20:256; others are ignored."""
     plot: Annotated[Path | None, Ending(".png"), unset("FILE.png", "none")] = None
     """Draw the reliability of the scores, and precision over recall."""
+    sheet: Annotated[Path | None, Ending(".png"), unset("FILE.png", "none")] = None
+    """Draw found and missed people and false boxes of each world, cut out of the images."""
     out: Annotated[Path | None, Ending(".json"), unset("FILE.json", "none")] = None
     """Write the scores as JSON."""
     json: bool = False
@@ -56,8 +58,9 @@ class ScoreDetections:
 
         self._check()
         wanted = self._wanted()
-        with locked(self.out, self.plot):
-            images = self._images()
+        with locked(self.out, self.plot, self.sheet):
+            sources = self._images()
+            images = [image for of in sources.values() for image in of]
             scores = box_scores(images, wanted, self.min_score)
             if self.out is not None:
                 write_text(self.out, json_text(scores, indent=1) + "\n")
@@ -66,6 +69,10 @@ class ScoreDetections:
                 from tracker.metrics.box_detection import judge
 
                 draw_reliability(judge(images, wanted)[0], self.plot)
+            if self.sheet is not None:
+                from sim.visualization.detection_sheet import draw_sheet
+
+                draw_sheet(sources, wanted, self.min_score, self.sheet)
         print(json_text(scores, indent=1) if self.json else table(scores))
 
     def _check(self) -> None:
@@ -92,13 +99,14 @@ class ScoreDetections:
                 raise ValueError(f"--heights is {self.heights!r}, needs LOW:HIGH px as in 20:256, the lower first")
         return WantedBodies((low, high), (self.min_visible, float("inf")))
 
-    def _images(self) -> list[ImageBoxes]:
+    def _images(self) -> dict[Path, list[ImageBoxes]]:
         from tracker.formats.source_options import SourceOptions
         from tracker.io.progress import progress_bar
         from tracker.metrics.scored_images import images_of
 
-        options, out = SourceOptions.parse(cameras=self.cameras, frames=self.frames), []
+        options = SourceOptions.parse(cameras=self.cameras, frames=self.frames)
+        out: dict[Path, list[ImageBoxes]] = {}
         pairs = list(zip(self.truth, self.result, strict=True))
         for truth, result in progress_bar(pairs, desc="sources", unit="source", disable=self.json or len(pairs) == 1, leave=False):
-            out += images_of(truth, result, options)
+            out.setdefault(truth, []).extend(images_of(truth, result, options))
         return out

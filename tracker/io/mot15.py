@@ -35,7 +35,7 @@ ZERO_SUBSTITUTE = 1e-9
 """m: written for an x or y of exactly 0, which the evaluation kit of the 3-D challenge takes for an absent position."""
 
 VISIBLE_FILE = ".visible.txt"
-"""Ending of a file beside CAMERA.txt with a row for each of its rows: the box of the visible part; the confidence is the share seen."""
+"""Ending of a file beside CAMERA.txt with a row for each of its rows. Boxes are those of visible parts, confidences the shares seen."""
 
 LARGEST = 2**53
 """Readers of this format hold numbers as floats, which are exact for whole numbers below this."""

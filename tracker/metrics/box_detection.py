@@ -39,7 +39,8 @@ class ImageBoxes:
     visible (n,): share of each body that is seen, NaN where unknown.
     counts (n,): False for bodies that are ignored. judged (k,): False for boxes where truth may be missing: they are no false positives.
     truth_feet (n, 2), found_feet (k, 2) m: places on the ground, NaN where unknown. period: width of an image that wraps, px.
-    world, camera: what scores are grouped by. Raises ValueError for other shapes, sizes below 0 and scores that are not finite.
+    world, camera: what scores are grouped by. frame: of the source, from 0, −1 where it has no images.
+    Raises ValueError for other shapes, sizes below 0 and scores that are not finite.
     """
 
     truth: Array
@@ -53,6 +54,7 @@ class ImageBoxes:
     period: float | None = None
     world: str = ""
     camera: str = ""
+    frame: int = -1
 
     def __post_init__(self) -> None:
         n, k = len(self.truth), len(self.found)
@@ -235,19 +237,37 @@ def best_pairs(iou: Array, least: float = IOU) -> tuple[Ints, Ints]:
 
 def count_boxes(images: Sequence[ImageBoxes], least_score: float, wanted: WantedBodies | None = None) -> BoxCounts:
     """Match the boxes with a score of `least_score` or more, image by image. Bodies that count are matched first; see `judge` for what is ignored."""
-    wanted = wanted or WantedBodies()
-    table = np.zeros((len(images), 4))
-    for row, image in zip(table, images, strict=True):
-        chosen, counted = image.score >= least_score, wanted.of(image)
-        found, judged = image.found[chosen], image.judged[chosen]
-        iou = box_overlaps(found, image.truth, image.period)
-        mine, body = best_pairs(iou[:, counted])
-        left = np.setdiff1d(np.arange(len(found)), mine)
-        ignored, _ = best_pairs(iou[np.ix_(left, np.flatnonzero(~counted))])
-        left = np.delete(left, ignored)
-        wrong = judged[left] & wanted.of_this_height(found[left])
-        row[:] = counted.sum(), len(mine) + wrong.sum(), len(mine), iou[:, counted][mine, body].sum()
-    return BoxCounts(*table.T)
+    out = [outcome_of(image, least_score, wanted or WantedBodies()) for image in images]
+    rows = [(len(one.found) + len(one.missed), len(one.found) + len(one.false), len(one.found), one.overlap) for one in out]
+    return BoxCounts(*np.array(rows, dtype=np.float64).reshape(-1, 4).T)
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What became of the boxes and bodies of an image at a least score.
+
+    found (p,): rows of boxes that are bodies. missed (m,): rows of bodies without a box. false (f,): rows of boxes of nobody.
+    overlap: sum of the IoU of the pairs.
+    """
+
+    found: Ints
+    missed: Ints
+    false: Ints
+    overlap: float
+
+
+def outcome_of(image: ImageBoxes, least_score: float, wanted: WantedBodies) -> Outcome:
+    """The outcome of an image, as count_boxes counts it."""
+    chosen, counted = np.flatnonzero(image.score >= least_score), np.flatnonzero(wanted.of(image))
+    others = np.setdiff1d(np.arange(len(image.truth)), counted)
+    found = image.found[chosen]
+    iou = box_overlaps(found, image.truth, image.period)
+    mine, body = best_pairs(iou[:, counted])
+    left = np.setdiff1d(np.arange(len(found)), mine)
+    ignored, _ = best_pairs(iou[np.ix_(left, others)])
+    left = np.delete(left, ignored)
+    wrong = left[image.judged[chosen[left]] & wanted.of_this_height(found[left])]
+    return Outcome(chosen[mine], np.delete(counted, body), chosen[wrong], float(iou[:, counted][mine, body].sum()))
 
 
 def best_moda(images: Sequence[ImageBoxes], wanted: WantedBodies | None = None) -> tuple[float, float]:

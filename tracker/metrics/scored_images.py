@@ -150,7 +150,7 @@ def _images_of_sequence(path: Path, result: Path, options: SourceOptions) -> Ite
             counts, judged_ = (bodies.visible > 0) | (not found.visible), np.ones(len(box), dtype=np.bool_)
             period = float(camera.width) if camera.wraps else None
             whole = bodies.seen if found.visible else bodies.full
-            yield ImageBoxes(whole, edges, score, bodies.visible, counts, judged_, feet, own_feet, period, world, name)
+            yield ImageBoxes(whole, edges, score, bodies.visible, counts, judged_, feet, own_feet, period, world, name, frame)
 
 
 def _camera_pose(sequence: Sequence, name: str, frame: int) -> Pose:
@@ -183,7 +183,7 @@ def _of_labels(path: Path, recording: Recording, name: str, found: tuple[range, 
         n, k, period = len(labels), len(box), float(camera.width) if camera.wraps else None
         unknown = np.full((n, 2), np.nan), np.full((k, 2), np.nan)
         all_ = np.ones(n, dtype=np.bool_), np.ones(k, dtype=np.bool_)
-        yield ImageBoxes(labels, _edges(box), score, np.full(n, np.nan), *all_, *unknown, period, path.name, name)
+        yield ImageBoxes(labels, _edges(box), score, np.full(n, np.nan), *all_, *unknown, period, path.name, name, frame)
 
 
 def _of_camera(path: Path, recording: Recording, name: str, found: tuple[range, FrameBoxes]) -> Iterator[ImageBoxes]:
@@ -211,7 +211,7 @@ def _of_camera(path: Path, recording: Recording, name: str, found: tuple[range, 
             complete = _complete(recording, places)
         period = float(camera.camera.width) if camera.camera.wraps else None
         counts = np.ones(len(whole), dtype=np.bool_)
-        yield ImageBoxes(whole, edges, score, visible, counts, complete, own[:, :2], places, period, path.name, name)
+        yield ImageBoxes(whole, edges, score, visible, counts, complete, own[:, :2], places, period, path.name, name, frame)
 
 
 def _complete(recording: Recording, feet: Array) -> Mask:

@@ -48,8 +48,8 @@ class DetectionRun:
 def write_detections(frames: Iterable[PictureFrame], total: int | None, folder: Path, run: Mapping[str, Any], how: DetectionRun) -> dict[str, Any]:
     """Find people in all frames and write the boxes into a new or empty folder, or read the statement of the same run there.
 
-    Each camera has CAMERA.txt, and CAMERA.visible.txt with a row for each of its rows: the box of the visible part, and in place of the
-    probability the share of the body that is seen.
+    Each camera has CAMERA.txt, and CAMERA.visible.txt with a row for each of its rows. That has the box of the visible part.
+    In place of the probability it has the share of the body that is seen.
 
     A run that was killed or interrupted goes on: boxes of images that are the same are not searched again.
     Returns the statement with `found`: camera → numbers of frames and boxes. total: number of frames, for the progress bar.

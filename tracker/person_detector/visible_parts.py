@@ -13,11 +13,11 @@ import numpy as np
 from tracker.geometry import Array
 
 BODY = 0.5
-"""Share of the width of a box that a body fills: of the nearer one as what covers, of the farther one as what is covered."""
+"""Share of the width of a box that a body fills, whether it covers or is covered."""
 SAMPLES = (25, 41)
 """Points of a box, across and down, at which it is covered or not."""
 COVERED = 0.8
-"""Probability that a point is covered, from which on it is no part of the visible box: an edge that is cut in vain costs more than one that stays."""
+"""Probability that a point is covered, from which on it is no part of the visible box. An edge that is cut in vain costs more than one that stays."""
 
 
 @dataclass(frozen=True, eq=False)

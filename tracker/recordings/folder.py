@@ -5,8 +5,8 @@
   frames are no frames in which nobody was seen. Without it, all were searched.
 * detections/CAMERA.txt (MOT15): frame from 1, -1, left, top, width, height [px], confidence, -1, -1, -1.
 * detections/CAMERA.covariance.npy (optional): c00, c01, c11 [rad²] of each box, the covariance of Detections (rows, 3), in the order of the rows.
-* detections/CAMERA.visible.txt (optional, MOT15): the visible part of each box and the share of the body that is seen, as `pilsim detect` writes
-  them: a row for each row of CAMERA.txt, frame by frame in the same order, with the share in place of the confidence.
+* detections/CAMERA.visible.txt (optional, MOT15): the visible part of each box, as `pilsim detect` writes it. It has a row for each row of
+  CAMERA.txt, frame by frame in the same order. The share of the body that is seen stands in place of the confidence.
 * robot_detections.csv (optional): other robots that a camera sees: frame from 1, and the columns of companions.csv of a sequence.
 * detections/CAMERA.npy (optional): appearance vectors of the boxes, an array (rows, d) of floating-point numbers, a row for each row of
   CAMERA.txt in the same order. They are compared by their cosine: length and scale do not matter. A row of zeros says nothing.

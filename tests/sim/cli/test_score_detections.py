@@ -2,14 +2,17 @@
 
 import json
 
+import cv2
 import numpy as np
 import pytest
 
 from sim.cli.main import main
+from tests.tracker.disc_sequence import write as write_sequence
 from tests.tracker.recordings.walked_room import walked_room
 from tracker.formats.recording_export import write_recording
 from tracker.io.mot15 import rows_from_boxes, write_mot15
 from tracker.recordings.degradation import projected_boxes
+from tracker.sequence.truth_tables import read_boxes
 
 
 def command(monkeypatch, *words):
@@ -54,6 +57,26 @@ def test_exact_boxes(room, tmp_path, monkeypatch, capsys):
     assert content["all"]["feet_median_m"] == pytest.approx(0.25, abs=0.02)
     assert set(content["by_camera"]) == {"C1", "C2"}
     assert plot.read_bytes()[:4] == b"\x89PNG"
+
+
+def test_a_sheet_of_a_sequence(tmp_path, monkeypatch, capsys):
+    """One of two people has no box, and one box is nobody's; the sheet has a row of 12 tiles for each kind."""
+    write_sequence(tmp_path / "s")
+    boxes = {}
+    for (frame, name), true in read_boxes(tmp_path / "s").items():
+        left, top, right, bottom = true.full[0]
+        found = np.array([[left, top, right - left, bottom - top], [40, 2, 8, 16]])
+        boxes.setdefault(name, {})[frame] = found, np.array([0.9, 0.8])
+    write_boxes(tmp_path / "found", boxes)
+    sheet = tmp_path / "sheet.png"
+    command(monkeypatch, "--truth", tmp_path / "s", "--result", tmp_path / "found", "--sheet", sheet, "--min-visible", 0)
+    assert cv2.imread(str(sheet)).shape == (3 * (144 + 26), 12 * 96 + 8, 3)
+    capsys.readouterr()
+    mot = tmp_path / "gt.txt"
+    mot.write_text("1,1,10,10,20,40,1,-1,-1,-1\n")
+    with pytest.raises(SystemExit):
+        command(monkeypatch, "--truth", mot, "--result", mot, "--sheet", sheet)
+    assert "has no images, which --sheet needs" in capsys.readouterr().err
 
 
 def test_frames_that_were_searched(room, monkeypatch, capsys):

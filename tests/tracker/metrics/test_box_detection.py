@@ -17,6 +17,7 @@ from tracker.metrics.box_detection import (
     feet_errors,
     judge,
     match_by_score,
+    outcome_of,
     reliability,
 )
 
@@ -165,3 +166,19 @@ def test_boxes_that_are_no_boxes():
         ImageBoxes.of(np.zeros((0, 4)), np.array([[5, 0, 2, 4.0]]), np.ones(1))
     with pytest.raises(ValueError, match="score has a number that is not finite"):
         ImageBoxes.of(np.zeros((0, 4)), np.array([[0, 0, 2, 4.0]]), np.array([np.nan]))
+
+
+def test_outcome_names_each_box_and_body_once() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        low = rng.uniform(0, 100, (2, 12, 2))
+        truth, found = np.concatenate([low, low + rng.uniform(10, 60, (2, 12, 2))], axis=2)
+        found[:6] = truth[rng.permutation(12)[:6]] + rng.normal(0, 2, (6, 4))
+        image, wanted = ImageBoxes.of(truth, found, rng.uniform(0, 1, 12)), WantedBodies((20, 50))
+        one = outcome_of(image, 0.3, wanted)
+        counts, counted = count_boxes([image], 0.3, wanted), np.flatnonzero(wanted.of(image))
+        assert len(one.found) + len(one.missed) == len(counted) == counts.bodies[0]
+        assert len(one.found) + len(one.false) == counts.boxes[0]
+        assert not set(one.found.tolist()) & set(one.false.tolist())
+        assert set(one.missed.tolist()) <= set(counted.tolist())
+        assert (image.score[np.concatenate([one.found, one.false])] >= 0.3).all()
