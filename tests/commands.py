@@ -1,6 +1,6 @@
 """Commands of pilsim as a user starts them: each in a process of its own, with its exit code and what it printed.
 
-A server process imports the command line once, and is forked for each command. That saves the two seconds of every start.
+A server process imports what commands need and loads the tracker's kernels once, and is forked for each command. That saves seconds a start.
 Tests of the start itself (interrupts, streams, limits of memory) start the interpreter instead.
 """
 
@@ -49,9 +49,12 @@ def _server() -> subprocess.Popen[str]:
 
 def _serve() -> None:
     """Run orders from standard input, a line each, and answer with their exit codes: negative for a signal."""
-    from sim.cli.main import main  # noqa: F401  every command finds it imported
-    from tracker import pipeline  # noqa: F401
+    from sim.cli.main import main  # noqa: F401  every command finds these imported
+    from sim.datasets import generation  # noqa: F401
+    from sim.stress import runner  # noqa: F401
+    from tracker.geometry.compile_ahead import compile_listed, listed
 
+    compile_listed(list(range(len(listed()))), os.getppid())  # found in numba's cache, where it is warm
     for line in sys.stdin:
         child = os.fork()
         if child == 0:

@@ -13,7 +13,7 @@ from tests.fuzz.client import Client
 from tests.fuzz.readers import READERS, Reader
 from tests.fuzz.worker import WAYS
 
-FAST, LONG = 12, 60
+FAST, LONG = 8, 40
 """Inputs of a reader and way: of tests marked `command`, and of `soak`."""
 FIRST_SEED, SECOND_SEED = 1, 2
 TEXTS = [name for name, reader in READERS.items() if reader.form != "binary"]

@@ -1,11 +1,13 @@
 """A small sequence with consistent images and truth: two people as discs in a panorama on a robot and in a fixed camera."""
 
+from functools import partial
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tests.templates import copied
 from tracker.geometry import Array, Pose
 from tracker.geometry.cameras import Camera, Panorama, pinhole
 from tracker.geometry.ground import Grid
@@ -127,7 +129,11 @@ def samples(k: int) -> SensorSamples:
 
 
 def write(folder: Path, form: ImageForm | None = None, sensors: SensorSetup | None = None) -> None:
-    """Write the sequence into `folder`, with the samples of SENSORS where sensors are given."""
+    """Copy the sequence to `folder`, with the samples of SENSORS where sensors are given."""
+    copied(folder, ("discs", form, sensors is not None), partial(_write, form=form, sensors=sensors))
+
+
+def _write(folder: Path, form: ImageForm | None, sensors: SensorSetup | None) -> None:
     rng = np.random.default_rng(3)
     tops = setup().ground
     assert isinstance(tops, Grid)

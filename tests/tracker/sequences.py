@@ -1,9 +1,11 @@
 """A small sequence for tests: two robots with small panoramas on a slope, and two people who walk."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from tests.templates import copied
 from tracker.geometry import Pose
 from tracker.geometry.cameras import Panorama
 from tracker.geometry.ground import Grid
@@ -62,6 +64,11 @@ def view_truth(k: int, name: str) -> ViewTruth:
 
 
 def write(folder: Path, seed: int = 0) -> list[Tick]:
+    """Copy the sequence to `folder`; returns its ticks."""
+    return copied(folder, ("sequence", seed), partial(write_anew, seed=seed))
+
+
+def write_anew(folder: Path, seed: int = 0) -> list[Tick]:
     """Write the sequence into `folder`; returns its ticks."""
     rng = np.random.default_rng(seed)
     ticks = [tick(k, rng) for k in range(FRAMES)]

@@ -34,7 +34,7 @@ def boxes_of_people(setup: Setup, places: Array) -> Detections:
 
 
 @ALL
-@pytest.mark.parametrize("boxes", [0, 500])
+@pytest.mark.parametrize("boxes", [0, 200])
 def test_empty_and_crowded_ticks_pass(parameters: Parameters, boxes: int) -> None:
     setup = synthetic_crowd.setup()
     found = boxes_of_people(setup, np.random.default_rng(8).uniform(-4, 4, (boxes, 2))) if boxes else Detections.none()
@@ -82,12 +82,11 @@ def test_a_view_that_is_missing_for_50_ticks_does_no_harm(parameters: Parameters
     assert scored(walked, list(track(setup, thinned, parameters))).mota > 0.85
 
 
-@ALL
-def test_track_ids_beyond_32_bits_change_nothing(parameters: Parameters) -> None:
+def test_track_ids_beyond_32_bits_change_nothing() -> None:
     rng = np.random.default_rng(12)
     setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(4, 25, rng)
     ticks = synthetic_crowd.ticks(setup, walked, rng)
-    plain, far = Tracker(setup, parameters), Tracker(setup, parameters)
+    plain, far = Tracker(setup, Parameters()), Tracker(setup, Parameters())
     far._people.filter._next_tree = 2**40
     a, b = ([e for t in ticks if (e := tracker.step(t))] for tracker in (plain, far))
     for one, other in zip(a, b, strict=True):
@@ -96,10 +95,9 @@ def test_track_ids_beyond_32_bits_change_nothing(parameters: Parameters) -> None
     assert scored(walked, a, shift=2**40) == scored(walked, a)
 
 
-@ALL
 @pytest.mark.parametrize("index", [3, 2])
-def test_ticks_out_of_order_and_unknown_views_are_refused(parameters: Parameters, index: int) -> None:
-    tracker = Tracker(synthetic_crowd.setup(), parameters)
+def test_ticks_out_of_order_and_unknown_views_are_refused(index: int) -> None:
+    tracker = Tracker(synthetic_crowd.setup(), Parameters())
     tracker.step(Tick(3, 0.5, ()))
     with pytest.raises(ValueError, match=f"tick {index} comes after tick 3"):
         tracker.step(Tick(index, 0.5, ()))
@@ -107,15 +105,14 @@ def test_ticks_out_of_order_and_unknown_views_are_refused(parameters: Parameters
         tracker.step(Tick(4, 0.6, (View("nose", Detections.none()),)))
 
 
-@ALL
 @pytest.mark.parametrize(("speed", "tracked"), [(2.0, True), (6.0, False)])
-def test_objects_faster_than_people_are_not_tracked(parameters: Parameters, speed: float, tracked: bool) -> None:
+def test_objects_faster_than_people_are_not_tracked(speed: float, tracked: bool) -> None:
     """A box on a straight line: a runner is a person, an object as fast as a car is not."""
     setup = synthetic_crowd.setup()
     ticks = []
     for k in range(8):
         place = np.array([[speed * (k * setup.period - 0.6), 1.0]])
         ticks.append(Tick(k, k * setup.period, (View("camera_0", boxes_of_people(setup, place)),)))
-    last = list(track(setup, ticks, parameters))[-1]
+    last = list(track(setup, ticks))[-1]
     near = np.linalg.norm(last.position[:, :2] - place, axis=1) < 0.5 if len(last.target_id) else np.zeros(0, dtype=bool)
     assert near.any() == tracked

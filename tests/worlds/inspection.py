@@ -1,15 +1,34 @@
-"""What must hold for a world, whatever its seed: one can get about in it, and rays hit its ground where that is said to be."""
+"""Worlds that tests share, and what must hold for each: one can get about in it, and rays hit its ground where that is said to be."""
 
 from __future__ import annotations
+
+from functools import cache
 
 import mujoco
 import numpy as np
 from scipy import ndimage
 
+from worlds import catalogue
 from worlds.world import World
 
 ROVERS = 4
 GROUND_ONLY = np.array([1, 0, 0, 0, 0, 0], dtype=np.uint8)
+
+
+@cache
+def built(name: str, seed: int = 1, difficulty: float = 1.0) -> World:
+    """A world, built once for all tests of a process. Its spec is copied before it is changed."""
+    return catalogue.build(name, np.random.default_rng(seed), difficulty)
+
+
+@cache
+def compiled(name: str, seed: int = 1, difficulty: float = 1.0) -> tuple[World, mujoco.MjModel, mujoco.MjData]:
+    """A world with its model at rest."""
+    world = built(name, seed, difficulty)
+    model = world.spec.copy().compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return world, model, data
 
 
 def can_be_walked(world: World, people: int) -> None:

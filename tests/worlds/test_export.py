@@ -18,7 +18,7 @@ from worlds.world import World
 
 @pytest.fixture(scope="module")
 def world() -> World:
-    return catalogue.build("pilsun", np.random.default_rng(3), 0.5)
+    return catalogue.build("hall:room=7.7x3.4", np.random.default_rng(3), 0.5)
 
 
 def ranges(model: mujoco.MjModel, extent: np.ndarray) -> np.ndarray:
@@ -93,10 +93,10 @@ def test_another_ending_is_refused(world: World, tmp_path: Path) -> None:
     assert not any(tmp_path.iterdir())
 
 
-def test_two_obj_exports_in_one_folder_share_no_file(tmp_path: Path) -> None:
-    export(catalogue.build("pilsun", np.random.default_rng(0), 0.5), tmp_path / "a.obj")
+def test_two_obj_exports_in_one_folder_share_no_file(world: World, tmp_path: Path) -> None:
+    export(world, tmp_path / "a.obj")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    export(catalogue.build("pilsun", np.random.default_rng(1), 0.5), tmp_path / "b.obj")
+    export(catalogue.build("hall:room=7.7x3.4", np.random.default_rng(1), 0.5), tmp_path / "b.obj")
     assert {name: (tmp_path / name).read_bytes() for name in before} == before
     loaded = trimesh.load(tmp_path / "a.obj")
     materials = [mesh.visual.material for mesh in loaded.geometry.values()]

@@ -1,47 +1,38 @@
-"""What holds for every world there is: the ground is where it is said to be, and one can get about on it."""
+"""What holds for every world at its hardest: the ground is where it is said to be, and one can get about on it."""
 
 from __future__ import annotations
-
-from functools import cache
 
 import mujoco
 import numpy as np
 import pytest
 
-from tests.worlds.inspection import can_be_walked, rays_hit_the_ground
+from tests.worlds.inspection import built, can_be_walked, compiled, rays_hit_the_ground
 from worlds import catalogue
 from worlds.difficulty import measure
 from worlds.semantics import class_of
-from worlds.world import World
 
 NAMES = sorted(catalogue.WORLDS)
 OUTDOORS = ("forest", "hills", "quarry")
 PEOPLE = 10
 
 
-@cache
-def _world(name: str) -> World:
-    return catalogue.build(name, np.random.default_rng(0), 0.5)
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_rays_hit_the_ground_where_it_is_said_to_be(name: str) -> None:
-    rays_hit_the_ground(_world(name))
+    rays_hit_the_ground(built(name))
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_one_can_get_about_where_it_is_hardest(name: str) -> None:
-    world = catalogue.build(name, np.random.default_rng(1), 1.0)
-    can_be_walked(world, 74 if name in OUTDOORS else PEOPLE)
+    can_be_walked(built(name), 74 if name in OUTDOORS else PEOPLE)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_geom_has_a_class(name: str) -> None:
-    for geom in _world(name).spec.geoms:
+    for geom in built(name).spec.geoms:
         assert class_of(geom.name), geom.name
 
 
-@pytest.mark.parametrize("name", ["hall:room=7.7x3.4", "hills", "pilsun"])
+@pytest.mark.parametrize("name", ["hall:room=7.7x3.4", pytest.param("hills", marks=pytest.mark.soak), "pilsun"])
 def test_the_same_seed_makes_the_same_world_and_another_one_another(name: str) -> None:
     one, two, other = (catalogue.build(name, np.random.default_rng(seed), 1.0) for seed in (4, 4, 5))
     np.testing.assert_array_equal(one.ground.heights, two.ground.heights)
@@ -54,16 +45,13 @@ def test_the_same_seed_makes_the_same_world_and_another_one_another(name: str) -
 
 @pytest.mark.parametrize("name", OUTDOORS)
 def test_open_ground_is_irregular(name: str) -> None:
-    assert measure(_world(name)).irregular_share >= 0.25
+    assert measure(built(name)).irregular_share >= 0.25
 
 
 @pytest.mark.parametrize("name", OUTDOORS)
 def test_nothing_hangs_in_the_air(name: str) -> None:
     """Every stone and every stem reaches below the ground under its middle."""
-    world = _world(name)
-    model = world.spec.copy().compile()
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
+    world, model, data = compiled(name)
     for geom in range(model.ngeom):
         kind = class_of(model.geom(geom).name)
         mesh = int(model.geom_dataid[geom])
@@ -86,5 +74,5 @@ def _held(model: mujoco.MjModel, data: mujoco.MjData, geom: int, points: np.ndar
 @pytest.mark.parametrize("name", NAMES)
 def test_every_seed_makes_a_world_at_its_gentlest_and_its_hardest(name: str) -> None:
     """Those at difficulty 0.5 are looked at more closely, in tests/test_every_seed.py; the hardest of seed 1 is above."""
-    for seed, difficulty in ((0, 0.0), (2, 1.0), (3, 0.0), (4, 1.0)):
+    for seed, difficulty in ((0, 0.0), (2, 1.0)):
         can_be_walked(catalogue.build(name, np.random.default_rng(seed), difficulty), 74 if name in OUTDOORS else PEOPLE)

@@ -26,6 +26,7 @@ def test_the_report_is_json_and_text() -> None:
     assert all(line == line.rstrip() for line in text.splitlines())
 
 
+@pytest.mark.command  # `platform` asks `uname` the first time
 def test_without_opengl_the_report_names_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     def none() -> str:
         raise GLUnavailable("no OpenGL: install libegl1")

@@ -24,22 +24,11 @@ def test_an_export_reports_its_folder(tmp_path: Path) -> None:
 
 
 @pytest.mark.command
-def test_an_export_refuses_an_existing_folder(tmp_path: Path) -> None:
-    sequences.write(tmp_path / "s")
-    (tmp_path / "tum").mkdir()
-    (tmp_path / "tum" / "mine").write_text("x")
-    done = pilsim("export", "s", "--format", "tum", "--out", "tum", cwd=tmp_path)
-    assert (done.returncode, done.stderr) == (2, "error: tum: is there already\n")
-
-
-@pytest.mark.command
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (("s", "--format", "pets", "--out", "out"), "error: s: has no fixed pinhole camera"),
         (("nowhere", "--format", "tum", "--out", "out"), "error: nowhere: neither a sequence"),
-        (("s", "--format", "kitti", "--faces", "--out", "out"), "error: faces is set for kitti, needs euroc"),
-        (("s", "--format", "mcap", "--epoch", "-1", "--out", "out"), "error: epoch is -1 s, needs 0 to 2146483648"),
     ],
 )
 def test_errors_are_one_line(tmp_path: Path, arguments: tuple[str, ...], message: str) -> None:

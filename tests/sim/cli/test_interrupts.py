@@ -79,22 +79,13 @@ def check(done: Interrupted) -> None:
 @pytest.mark.command
 def test_clique(tmp_path: Path) -> None:
     (tmp_path / "a.clq").write_text("p edge 3 2\ne 1 2\ne 2 3\n")
-    for seconds in (1.5, 4.0):
-        check(Interrupted(after(seconds), "clique", str(tmp_path / "a.clq"), "--seconds", "100"))
+    check(Interrupted(after(4.0), "clique", str(tmp_path / "a.clq"), "--seconds", "100"))
 
 
 @pytest.mark.soak
 def test_generate_by_two_workers(tmp_path: Path) -> None:
     words = ("generate", "pilsun", "--frames", "40", "--count", "2", "--workers", "2", *BUSY, "--fixed-cameras", "0", "--out", str(tmp_path / "d"))
     check(Interrupted(exists(tmp_path, "d/.*/images/robot_0_camera/*", 8), *words))
-
-
-@pytest.mark.soak
-def test_stress_by_two_workers(tmp_path: Path) -> None:
-    words = ("stress", "--sweep", "density", "--frames", "20", "--no-render", "--width", "128", "--workers", "2", "--out", str(tmp_path / "d"))
-    results = tmp_path / "d" / "results.jsonl"
-    check(Interrupted(lambda: results.exists() and results.stat().st_size > 0, *words))
-    assert results.read_text().endswith("}\n")
 
 
 AT_IMPORT = """
@@ -127,8 +118,11 @@ AS_IMPORT_ERROR = f"""
 
 
 @pytest.mark.command
-@pytest.mark.parametrize("act", [SEND, IN_DESTRUCTOR, SWALLOWED, AS_IMPORT_ERROR], ids=["plain", "destructor", "swallowed", "import error"])
-@pytest.mark.parametrize("name", ["sim.cli.main", "numpy.linalg", "tyro"])
+@pytest.mark.parametrize(
+    ("name", "act"),
+    [("sim.cli.main", SEND), ("numpy.linalg", IN_DESTRUCTOR), ("tyro", SWALLOWED), ("numpy.linalg", AS_IMPORT_ERROR)],
+    ids=["plain", "destructor", "swallowed", "import error"],
+)
 def test_during_imports(name: str, act: str) -> None:
     done = subprocess.run([sys.executable, "-c", AT_IMPORT.format(name=name, act=act)], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 130, done.stderr
@@ -137,20 +131,16 @@ def test_during_imports(name: str, act: str) -> None:
 
 
 @pytest.mark.soak
-def test_demo_goes_on_where_it_stopped(tmp_path: Path) -> None:
+def test_demo(tmp_path: Path) -> None:
     out = tmp_path / "demo"
     words = ("demo", "--frames", "6", *BUSY, "--out", str(out))
     check(Interrupted(exists(tmp_path, "demo/.*/images/robot_0_camera/*"), *words))
     assert not [path for path in (out / "sequence").glob("*") if not (out / "sequence" / "manifest.json").exists()]
-    again = subprocess.run([sys.executable, "-m", "pilsim", *words], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert again.returncode == 0, again.stderr
-    assert (out / "video.mp4").exists()
 
 
 @pytest.mark.soak
 def test_track(data: Callable[..., Path], tmp_path: Path) -> None:
     source = data("pets2009", "S2.L1")
     words = ("track", str(source), "--views", "1,5,7", "--out", str(tmp_path / "out"))
-    for seconds in (3.0, 10.0):
-        check(Interrupted(after(seconds), *words))
-        assert not list((tmp_path / "out").glob("*"))
+    check(Interrupted(after(10.0), *words))
+    assert not list((tmp_path / "out").glob("*"))

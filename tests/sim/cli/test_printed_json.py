@@ -2,16 +2,14 @@
 
 import json
 import math
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from tests.commands import pilsim
 from tracker.io.json_files import json_text
 
-ROOT = Path(__file__).parents[3]
 BOX = "1,{0},10,10,5,9,1,{1},2,0\n"
 
 
@@ -21,16 +19,14 @@ def printed(*words: str) -> Any:
     def refuse(name: str) -> None:
         raise AssertionError(f"{name} is no JSON")
 
-    done = subprocess.run([sys.executable, "-m", "pilsim", *words, "--json"], cwd=ROOT, capture_output=True, text=True, check=False)
+    done = pilsim(*words, "--json")
     assert done.returncode == 0, done.stderr
     assert not done.stderr
     return json.loads(done.stdout, parse_constant=refuse)
 
 
 @pytest.mark.command
-@pytest.mark.parametrize(
-    ("truth", "result"), [("", ""), ("", BOX.format(1, 1)), (BOX.format(1, 1), ""), (BOX.format(1, 1), BOX.format(1, 90)), (BOX.format(1, 1),) * 2]
-)
+@pytest.mark.parametrize(("truth", "result"), [("", ""), ("", BOX.format(1, 1)), (BOX.format(1, 1), ""), (BOX.format(1, 1), BOX.format(1, 90))])
 @pytest.mark.parametrize("iou", [(), ("--iou", "0.5")])
 def test_score_without_matches(tmp_path: Path, truth: str, result: str, iou: tuple[str, ...]) -> None:
     (tmp_path / "gt.txt").write_text(truth)
@@ -50,7 +46,7 @@ def test_clique_of_a_graph_without_edges(tmp_path: Path) -> None:
 def test_a_sequence_without_people(tmp_path: Path) -> None:
     folder = tmp_path / "d"
     command = ["generate", "pilsun", "--frames", "2", "--people", "0", "--robots", "1", "--width", "64", "--fixed-cameras", "0", "--out", str(folder)]
-    done = subprocess.run([sys.executable, "-m", "pilsim", *command], cwd=ROOT, capture_output=True, text=True, check=False)
+    done = pilsim(*command)
     assert done.returncode == 0, done.stderr
     printed("info", str(folder))
     printed("check", str(folder))

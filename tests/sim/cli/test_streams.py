@@ -35,25 +35,6 @@ def test_closed_streams(folder: Path, closed: str) -> None:
 
 
 @pytest.mark.command
-def test_a_full_standard_output_is_one_line(folder: Path) -> None:
-    done = shell("PILSIM clique a.clq --seconds 0.1 --json > /dev/full", folder)
-    assert (done.returncode, done.stderr) == (2, b"error: standard output: No space left on device\n")
-
-
-@pytest.mark.command
-def test_a_full_standard_output_of_a_help_is_one_line(folder: Path) -> None:
-    done = shell("PILSIM track --help > /dev/full", folder)
-    assert (done.returncode, done.stderr) == (2, b"error: standard output: No space left on device\n")
-
-
-@pytest.mark.command
-def test_a_full_standard_error_does_not_end_the_work(folder: Path) -> None:
-    done = shell("PILSIM worlds pilsun --export runs/lab.ply 2> /dev/full", folder)
-    assert done.returncode == 0
-    assert (folder / "runs" / "lab.ply").stat().st_size > 1000
-
-
-@pytest.mark.command
 def test_characters_that_a_stream_lacks_are_replaced(folder: Path) -> None:
     for words, code in (("track --help", 0), ("stress --help", 0), ("track x --hypothésis y --out z", 2)):
         done = shell(f"PILSIM {words}", folder, PYTHONIOENCODING="iso-8859-1")
@@ -61,20 +42,13 @@ def test_characters_that_a_stream_lacks_are_replaced(folder: Path) -> None:
         assert b"codec" not in done.stderr
 
 
-@pytest.mark.command
-def test_a_reader_that_ends_early_is_no_error(folder: Path) -> None:
-    done = shell("set -o pipefail; PILSIM track --help | head -1", folder)
-    assert b"Traceback" not in done.stderr
-    assert b"Exception" not in done.stderr
-
-
-LOCALES = {"en_US": "ISO-8859-1", "tr_TR": "ISO-8859-9"}
+LOCALES = {"tr_TR": "ISO-8859-9"}
 NO_UTF8 = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 
 
 @pytest.fixture(scope="module")
 def locales(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, str]]:
-    """The environment of each locale: ASCII, and two that localedef makes."""
+    """The environment of each locale: ASCII, and one that localedef makes."""
     if not shutil.which("localedef"):
         pytest.skip("needs localedef (Debian: locales) to make locales that are not UTF-8")
     out, folder = {"C": NO_UTF8}, tmp_path_factory.mktemp("locales")
@@ -104,15 +78,14 @@ def test_locales_that_are_not_utf8(folder: Path, locales: dict[str, dict[str, st
 
 
 @pytest.mark.command
-@pytest.mark.parametrize("name", ["C", "en_US"])
-def test_files_are_written_under_names_that_a_locale_lacks(folder: Path, locales: dict[str, dict[str, str]], name: str) -> None:
-    done = shell("PILSIM worlds tunnel --export ö/ä.glb", folder, **locales[name])
-    assert done.returncode == 0, done.stderr
-    assert (folder / "ö" / "ä.glb").exists()
+def test_files_are_written_under_names_that_a_locale_lacks_though_standard_error_is_full(folder: Path, locales: dict[str, dict[str, str]]) -> None:
+    done = shell("PILSIM worlds tunnel --export ö/ä.glb 2> /dev/full", folder, **locales["C"])
+    assert done.returncode == 0
+    assert (folder / "ö" / "ä.glb").stat().st_size > 1000
 
 
 @pytest.mark.command
-@pytest.mark.parametrize("words", ["--help", "clique a.clq --seconds 0.1", "stress --list --json"])
+@pytest.mark.parametrize("words", ["--help", "track --help", "clique a.clq --seconds 0.1 --json"])
 def test_streams_of_every_kind_of_output(folder: Path, words: str) -> None:
     full = shell(f"PILSIM {words} > /dev/full", folder)
     assert (full.returncode, full.stderr) == (2, b"error: standard output: No space left on device\n")
@@ -124,7 +97,7 @@ def test_streams_of_every_kind_of_output(folder: Path, words: str) -> None:
 
 
 @pytest.mark.command
-@pytest.mark.parametrize("words", ["nonsense", "clique none.clq", "score a b"])
+@pytest.mark.parametrize("words", ["nonsense", "clique none.clq"])
 def test_errors_where_streams_fail(folder: Path, words: str) -> None:
     for streams in ("> /dev/full", "2> /dev/full", ">&- 2>&-", "| true"):
         done = shell(f"set -o pipefail; PILSIM {words} {streams}", folder)

@@ -1,10 +1,6 @@
-"""Outputs that are mount points, links or cannot be written, and files with a byte order mark."""
+"""Files with a byte order mark, and files that are not what a command reads."""
 
 import json
-import os
-import subprocess
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -23,61 +19,12 @@ CAMERA = """<Camera name="View_001">
 BOXES = "".join(f"{frame},-1,340,120,20,60,0.95,-1,-1,-1\n" for frame in range(1, 9))
 
 
-@pytest.fixture
-def pets(tmp_path: Path) -> Path:
-    """A PETS folder of one view and eight frames."""
-    for folder in ("calibration", "detections"):
-        (tmp_path / "pets" / folder).mkdir(parents=True)
-    (tmp_path / "pets" / "calibration" / "View_001.xml").write_text(CAMERA)
-    (tmp_path / "pets" / "detections" / "View_001.txt").write_text(BOXES)
-    return tmp_path / "pets"
-
-
-@pytest.fixture
-def mounted(tmp_path: Path) -> Iterator[Path]:
-    """A folder that is a mount point, as a volume of a container is."""
-    if os.geteuid() != 0:
-        pytest.skip("needs root to mount a file system")
-    folder = tmp_path / "mounted"
-    folder.mkdir()
-    done = subprocess.run(["mount", "-t", "tmpfs", "none", str(folder)], capture_output=True, text=True, check=False)
-    if done.returncode:
-        pytest.skip(f"needs the right to mount a file system: {done.stderr.strip()}")
-    yield folder
-    subprocess.run(["umount", str(folder)], check=True)
-
-
-@pytest.mark.command
-def test_results_are_written_into_a_mount_point(pets: Path, mounted: Path) -> None:
-    done = pilsim("track", str(pets), "--out", str(mounted))
-    assert done.returncode == 0, done.stderr
-    assert sorted(path.name for path in mounted.iterdir()) == ["robots.csv", "run.json", "tracks.txt"]
-    assert pilsim("track", str(pets), "--out", str(mounted)).returncode == 0
-
-
-@pytest.mark.command
-def test_results_are_written_through_a_link_and_into_the_current_folder(pets: Path, tmp_path: Path) -> None:
-    (tmp_path / "real").mkdir()
-    (tmp_path / "link").symlink_to(tmp_path / "real")
-    assert pilsim("track", str(pets), "--out", str(tmp_path / "link")).returncode == 0
-    assert (tmp_path / "real" / "run.json").exists()
-    (tmp_path / "here").mkdir()
-    command = [sys.executable, "-m", "pilsim", "track", str(pets), "--out", "."]
-    done = subprocess.run(command, cwd=tmp_path / "here", env=dict(os.environ, PYTHONPATH=str(ROOT)), capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "here" / "run.json").exists()
-
-
-@pytest.mark.command
-def test_what_cannot_be_written_is_said_before_the_work(pets: Path, tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    done = pilsim("track", str(pets), "--out", str(tmp_path / "file" / "out"))
-    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-    assert str(tmp_path / "file") in done.stderr
-
-
 @pytest.mark.soak
-def test_byte_order_marks(pets: Path, tmp_path: Path) -> None:
+def test_byte_order_marks(tmp_path: Path) -> None:
+    pets = tmp_path / "pets"
+    for folder, name, text in (("calibration", "View_001.xml", CAMERA), ("detections", "View_001.txt", BOXES)):
+        (pets / folder).mkdir(parents=True)
+        (pets / folder / name).write_text(text)
     (tmp_path / "a.clq").write_text(f"{BOM}p edge 3 2\ne 1 2\ne 2 3\n", encoding="utf-8")
     assert pilsim("clique", str(tmp_path / "a.clq"), "--seconds", "0.1").returncode == 0
     site = {"rate": 7, "area": [[-14, -14], [5, 2]], "terrain": None}

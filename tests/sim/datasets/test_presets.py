@@ -1,5 +1,6 @@
 """Presets, their settings, and the placement of fixed cameras."""
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from worlds import catalogue
 from worlds.world import World
 
 
+@cache
 def world(name: str) -> World:
     return catalogue.build(name, Scenario(world=name, seed=5).stream("world"), 0.5)
 
@@ -54,7 +56,7 @@ def test_invalid_settings_are_refused(tmp_path: Path, name: str, text: str, mess
         preset_of("pilsun", read_settings(tmp_path / name))
 
 
-@pytest.mark.parametrize("name", ["pilsun", "tunnel"])
+@pytest.mark.parametrize("name", ["pilsun", pytest.param("tunnel", marks=pytest.mark.soak)])
 def test_fixed_cameras_see_the_walkable_area(name: str) -> None:
     place = world(name)
     cameras = place_cameras(place, 4, 96)

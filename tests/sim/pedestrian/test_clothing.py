@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import mujoco
 import numpy as np
@@ -31,13 +32,18 @@ from worlds.terrain.heightfield import Heightfield
 STATURE = 1.8
 
 
-def dressed(seed: int, stature: float = STATURE) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """A person at the origin, facing along x."""
+@cache
+def model_of(seed: int, stature: float) -> mujoco.MjModel:
     spec = mujoco.MjSpec()
     add_clothing_textures(spec, np.random.default_rng(0))
     add_collider(spec, "person_1", stature)
     add_person(spec, "person_1", stature, np.random.default_rng(seed))
-    model = spec.compile()
+    return spec.compile()
+
+
+def dressed(seed: int, stature: float = STATURE) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """A person at the origin, facing along x."""
+    model = model_of(seed, stature)
     data = mujoco.MjData(model)
     size, place, heading = np.array([stature]), np.zeros((1, 2)), np.zeros(1)
     poses = skeleton.limb_poses(size, gait.stand(place, heading, size), place, heading, Heightfield.flat([[-1, -1], [1, 1]], 0.5))
@@ -64,8 +70,7 @@ def drawn(model: mujoco.MjModel, data: mujoco.MjData, limb: str, level: int = 0)
     return vertices @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
 
 
-@pytest.mark.parametrize("stature", [1.15, 1.55, 1.8, 1.98])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("seed", "stature"), [(0, 1.15), (1, 1.55), (2, 1.8), (3, 1.98)])
 def test_a_person_is_as_tall_as_stated_and_stands_on_the_ground(seed, stature):
     model, data = dressed(seed, stature)
     heights = np.concatenate([drawn(model, data, limb)[:, 2] for limb in LIMBS])
@@ -73,7 +78,7 @@ def test_a_person_is_as_tall_as_stated_and_stands_on_the_ground(seed, stature):
     assert abs(heights.min()) < 0.01
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_shoulders_are_wider_than_the_waist(seed):
     model, data = dressed(seed)
     torso = drawn(model, data, "torso")
@@ -99,7 +104,7 @@ def test_the_nose_is_where_the_key_point_says():
         assert np.linalg.norm(head - joint, axis=1).min() < 0.02
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(5))
 def test_all_levels_of_a_limb_lie_in_one_frame_and_have_one_silhouette(seed):
     model, data = dressed(seed)
     faces = np.zeros(LEVELS, dtype=int)

@@ -33,6 +33,7 @@ def test_gymnasium_checker_passes():
     check_env(make(render_mode="rgb_array", map_seed=0).unwrapped)
 
 
+@pytest.mark.soak
 @pytest.mark.filterwarnings("ignore")
 def test_stable_baselines_checker_passes():
     checker = pytest.importorskip("stable_baselines3.common.env_checker", reason="needs stable-baselines3 (make rl)")

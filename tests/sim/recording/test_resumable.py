@@ -2,12 +2,7 @@
 
 import json
 import os
-import random
-import shutil
 import signal
-import subprocess
-import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -84,12 +79,6 @@ def test_damaged_images_and_other_scenarios_are_not_resumed(alone: Path, tmp_pat
 
 
 @pytest.mark.command
-def test_bytes_do_not_depend_on_workers(alone: Path, tmp_path: Path) -> None:
-    record(SCENARIO, tmp_path / "s", workers=3)
-    assert checksum(tmp_path / "s") == checksum(alone)
-
-
-@pytest.mark.command
 @pytest.mark.parametrize(
     "changes",
     [
@@ -136,25 +125,3 @@ def test_a_killed_worker_is_one_line() -> None:
         os.kill(workers.executor.submit(os.getpid).result(), signal.SIGKILL)
         with pytest.raises(WorkerLost, match=r"^a worker was killed, .*; repeat the command$"):
             list(drawn)
-
-
-@pytest.mark.soak
-def test_killed_at_random_moments(tmp_path: Path) -> None:
-    """The command is killed some times in one sequence, then completes it with the same bytes; no process is left."""
-    words = ["generate", "pilsun", "--frames", "20", "--width", "256", "--robots", "1", "--people", "3", "--fixed-cameras", "0", "--workers"]
-    command = [sys.executable, "-m", "pilsim", *words]
-    assert subprocess.run([*command, "1", "--out", tmp_path / "whole"], capture_output=True, check=False).returncode == 0
-    chance, folder = random.Random(38), tmp_path / "killed"
-    images = folder / ".pilsun-00000.partial" / "images" / "robot_0_camera"
-    for _ in range(2):
-        run = subprocess.Popen([*command, "2", "--out", folder], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        before = len(list(images.glob("*")))
-        while run.poll() is None and len(list(images.glob("*"))) < before + chance.randint(1, 6):
-            time.sleep(0.02)
-        time.sleep(chance.uniform(0.0, 0.2))
-        run.kill()
-        run.wait()
-    assert subprocess.run([*command, "2", "--out", folder], capture_output=True, check=False).returncode == 0
-    assert checksum(folder / "pilsun-00000") == checksum(tmp_path / "whole" / "pilsun-00000")
-    assert not list(folder.glob(".*partial"))
-    shutil.rmtree(folder)

@@ -128,8 +128,8 @@ def test_rows_do_not_depend_on_workers_and_machines(tmp_path: Path, cluster: Any
     rows = []
     for name, workers in (("one", Workers(1)), ("two", Workers(2)), ("cluster", Workers(cluster=cluster.scheduler_address))):
         folder = tmp_path / name
-        made = run_trials([trial(folder), trial(folder, seed=3), trial(folder, "raising", seed=4)], folder, workers, "pilsim stress")
+        made = run_trials([trial(folder), trial(folder, "raising", seed=4)], folder, workers, "pilsim stress")
         rows.append([{key: value for key, value in row.items() if key != "seconds"} for row in made])
-    # In the order of their seeds: 3, 4, 1005.
-    assert [row["error"] is None for row in rows[0]] == [True, False, True]
+    # In the order of their seeds: 4, 1005.
+    assert [row["error"] is None for row in rows[0]] == [False, True]
     assert rows[0] == rows[1] == rows[2]

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tests.commands import pilsim
 from tracker.clique.dimacs import read_graph, write_graph
 from tracker.clique.local_search import Graph
 
@@ -60,12 +59,11 @@ def test_errors_name_file_and_line(tmp_path: Path, text: str, message: str) -> N
 @pytest.mark.command
 def test_command(tmp_path: Path) -> None:
     (tmp_path / "path.clq").write_text(PATH)
-    command = [sys.executable, "-m", "sim.cli.main", "clique", str(tmp_path / "path.clq"), "--seconds", "0.1", "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    command = ("clique", tmp_path / "path.clq", "--seconds", "0.1", "--json")
+    done = pilsim(*command)
     assert done.returncode == 0, done.stderr
     answer = json.loads(done.stdout)
     assert (answer["weight"], answer["clique"]) == (5.0, [1, 2])
-    again = subprocess.run([*command, "--exact"], capture_output=True, text=True, check=False)
-    assert json.loads(again.stdout)["weight"] == 5.0
-    missing = subprocess.run([*command[:4], str(tmp_path / "none.clq")], capture_output=True, text=True, check=False)
+    assert json.loads(pilsim(*command, "--exact").stdout)["weight"] == 5.0
+    missing = pilsim("clique", tmp_path / "none.clq")
     assert (missing.returncode, len(missing.stderr.strip().splitlines())) == (2, 1)

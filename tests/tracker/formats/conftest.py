@@ -31,5 +31,5 @@ def exported(sequence: Path, tmp_path_factory: pytest.TempPathFactory) -> Callab
 
 def pytest_itemcollected(item: pytest.Item) -> None:
     """Tests of exports need a sequence that is rendered."""
-    if {"sequence", "plaza"} & set(getattr(item, "fixturenames", ())):
+    if "sequence" in getattr(item, "fixturenames", ()):
         item.add_marker(pytest.mark.render)

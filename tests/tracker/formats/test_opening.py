@@ -58,15 +58,14 @@ def test_a_dataset_names_its_sequences(tmp_path: Path) -> None:
         format_of(tmp_path)
 
 
-@pytest.mark.parametrize("kind", RECORDINGS)
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"frames": "2:10", "degrade": "drop=0.2,noise=1", "seed": 3},
-        {"project": "misses=0.1,edges=0.02", "frames": ":7"},
-        {"detections": True, "cameras": True, "frames": "1:"},
-    ],
+PARTS: tuple[dict[str, Any], ...] = (
+    {"frames": "2:10", "degrade": "drop=0.2,noise=1", "seed": 3},
+    {"project": "misses=0.1,edges=0.02", "frames": ":7"},
+    {"detections": True, "cameras": True, "frames": "1:"},
 )
+
+
+@pytest.mark.parametrize(("kind", "options"), [(kind, PARTS[k % len(PARTS)]) for k, kind in enumerate(RECORDINGS)])
 def test_scores_read_the_part_that_was_tracked(tmp_path: Path, kind: str, options: dict[str, Any]) -> None:
     """run.json opens the same part; the same command reads the results back; another one is refused."""
     folder, camera, given = SOURCES[kind][1](tmp_path / kind), SECOND.get(kind, "C2"), dict(options)

@@ -74,8 +74,8 @@ def test_a_camera_looks_forward_with_up_above(written: Callable[[str], Path]) ->
     assert up[2] > 0.9
 
 
-@pytest.mark.parametrize("view", [1, 2, 3, 4, 5, 6, 7, 8])
-def test_real_cameras_map_pixels_to_bearings_and_back(data: Any, view: int) -> None:
+@pytest.mark.parametrize("view", [1, 5, 7])
+def test_real_cameras_map_pixels_to_bearings_and_back_and_are_written(data: Any, tmp_path: Path, view: int) -> None:
     name, camera, T = read_camera(data("pets2009", "calibration", f"View_00{view}.xml"))
     assert name == f"View_00{view}"
     assert (camera.width, camera.height) == (768 if view <= 4 else 720, 576)
@@ -93,16 +93,11 @@ def test_real_cameras_map_pixels_to_bearings_and_back(data: Any, view: int) -> N
     assert_allclose(again, pixels, atol=1e-5)
     assert inside[inner].all()
     assert 1 < T.translation[2] < 10
-
-
-@pytest.mark.parametrize("view", [1, 2, 3, 4, 5, 6, 7, 8])
-def test_round_trip(data: Any, tmp_path: Path, view: int) -> None:
-    name, camera, T = read_camera(data("pets2009", "calibration", f"View_00{view}.xml"))
     write_camera(tmp_path / "c.xml", name, camera, T)
-    again = read_camera(tmp_path / "c.xml")
-    assert again[:2] == (name, camera)
-    assert_allclose(again[2].rotation, T.rotation, atol=1e-12)
-    assert_allclose(again[2].translation, T.translation, atol=1e-9)
+    written = read_camera(tmp_path / "c.xml")
+    assert written[:2] == (name, camera)
+    assert_allclose(written[2].rotation, T.rotation, atol=1e-12)
+    assert_allclose(written[2].translation, T.translation, atol=1e-9)
 
 
 @pytest.mark.parametrize("azimuth", [0.0, np.pi / 2, np.pi, -np.pi / 2, 1e-9, 1e-7, np.pi - 1e-8, 0.3])
@@ -155,22 +150,6 @@ def test_errors_of_camera_files_name_the_field(written: Callable[[str], Path], o
         read_camera(path)
     assert str(error.value).startswith(f"{path}:")
     assert text in str(error.value)
-
-
-def test_document_types_entities_and_depth_are_refused(written: Callable[[str], Path], tmp_path: Path) -> None:
-    bomb = '<!DOCTYPE b [<!ENTITY a "aaaaaaaaaa"><!ENTITY c "&a;&a;&a;&a;">]><dataset>&c;</dataset>'
-    for text in (bomb, '<!DOCTYPE dataset SYSTEM "file:///etc/passwd"><dataset/>'):
-        with pytest.raises(ValueError, match="document type or an entity"):
-            read_annotations(written(text))
-    with pytest.raises(ValueError, match="nested deeper"):
-        read_annotations(written("<dataset>" + "<a>" * 1000 + "</a>" * 1000 + "</dataset>"))
-    (tmp_path / "bytes.xml").write_bytes(b'<?xml version="1.0" encoding="utf-8"?><dataset>\xff\xfe</dataset>')
-    with pytest.raises(ValueError, match="is not XML"):
-        read_annotations(tmp_path / "bytes.xml")
-    with (tmp_path / "large.xml").open("wb") as large:
-        large.truncate(65 * 2**20)
-    with pytest.raises(ValueError, match="bytes, needs at most"):
-        read_annotations(tmp_path / "large.xml")
 
 
 # --- annotations ------------------------------------------------------------------------------------------------------------------
@@ -278,31 +257,11 @@ def test_positions_of_the_challenge_equal_projected_feet_up_to_rounding(data: An
 # --- detections -------------------------------------------------------------------------------------------------------------------
 
 
-def test_detections_by_frame(tmp_path: Path) -> None:
+def test_a_detection_without_a_box_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "View_001.txt"
-    path.write_text("3,-1,1,2,3,4,0.5,-1,-1,-1\n1,-1,5,6,7,8,0.9,-1,-1,-1\n3,-1,9,9,9,9,0.25,-1,-1,-1\n")
-    found = read_detections(path)
-    assert list(found) == [1, 3]
-    assert_array_equal(found[3][0], [[1, 2, 3, 4], [9, 9, 9, 9]])
-    assert_array_equal(found[3][1], [0.5, 0.25])
-
-
-@pytest.mark.parametrize(
-    ("line", "text"),
-    [
-        ("1,-1,1,2,3,4,0.5,-1,-1", "line 2: 9 values, needs 10"),
-        ("1,-1,1,2,nan,4,0.5,-1,-1,-1", "line 2: width is nan"),
-        ("0,-1,1,2,3,4,0.5,-1,-1,-1", "line 2: frame is 0"),
-        ("1,-1,-1,-1,-1,-1,0.5,1,2,0", "frame 1 has a detection without a box"),
-    ],
-)
-def test_errors_of_detections_name_the_line(tmp_path: Path, line: str, text: str) -> None:
-    path = tmp_path / "View_001.txt"
-    path.write_text("1,-1,5,6,7,8,0.9,-1,-1,-1\n" + line + "\n")
-    with pytest.raises(ValueError, match="needs") as error:
+    path.write_text("1,-1,5,6,7,8,0.9,-1,-1,-1\n1,-1,-1,-1,-1,-1,0.5,1,2,0\n")
+    with pytest.raises(ValueError, match="frame 1 has a detection without a box"):
         read_detections(path)
-    assert str(error.value).startswith(f"{path}:")
-    assert text in str(error.value)
 
 
 @pytest.mark.parametrize("view", [1, 3, 4, 5, 6, 7, 8])

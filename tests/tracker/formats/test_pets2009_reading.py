@@ -1,6 +1,5 @@
-"""Opening PETS 2009 folders, and errors for other folders."""
+"""Opening PETS 2009 folders, and choices that they do not have."""
 
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -41,60 +40,6 @@ def test_detection_keeps_its_foot_point(data: Callable[..., Path]) -> None:
     np.testing.assert_allclose(pixels, [[661.5, 320.0], [130.0, 550.0]], atol=1e-6)
 
 
-def test_a_generated_sequence(tmp_path: Path) -> None:
-    sequences.write(tmp_path / "s")
-    assert len(open_sequence(tmp_path / "s").ticks) == sequences.FRAMES
-    with pytest.raises(ValueError, match="camera is 'View_001', needs one of"):
-        open_sequence(tmp_path / "s", SourceOptions(("View_001",)))
-
-
-def copy_of_pets(data: Callable[..., Path], folder: Path) -> Path:
-    shutil.copytree(data("pets2009", "calibration"), folder / "calibration", copy_function=shutil.copyfile)
-    for part in ("annotations", "detections"):
-        shutil.copytree(data("pets2009", "S2.L1", part), folder / part, copy_function=shutil.copyfile)
-    return folder
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "message"),
-    [
-        ("annotations/PETS2009-S2L1-cropped.xml", "this is no XML", r"cropped.xml: is not XML: .*line 1"),
-        ("detections/View_001.txt", "1,-1,3,4,5,6,0.9,-1,-1\n", r"View_001.txt:line 1: 9 values, needs 10"),
-        ("detections/View_001.txt", "1,-1,3,4,nan,6,0.9,-1,-1,-1\n", r"View_001.txt:line 1: width is nan"),
-        ("detections/View_001.txt", "0,-1,3,4,5,6,0.9,-1,-1,-1\n", r"View_001.txt:line 1: frame is 0"),
-        ("calibration/View_001.xml", '<Camera name="V"><Geometry width="9"/></Camera>', r"View_001.xml"),
-    ],
-)
-def test_errors_name_the_file(data: Callable[..., Path], tmp_path: Path, name: str, text: str, message: str) -> None:
-    folder = copy_of_pets(data, tmp_path)
-    (folder / name).unlink()
-    (folder / name).write_text(text)
-    with pytest.raises(ValueError, match=message):
-        open_sequence(folder, SourceOptions(("1",)))
-
-
-def test_repeated_frame_is_refused(data: Callable[..., Path], tmp_path: Path) -> None:
-    folder = copy_of_pets(data, tmp_path)
-    path = folder / "annotations" / "PETS2009-S2L1-cropped.xml"
-    path.write_text(path.read_text().replace('<frame number="7">', '<frame number="6">'))
-    with pytest.raises(ValueError, match=r"cropped.xml:line \d+: .*6"):
-        open_sequence(folder, SourceOptions(("1",)))
-
-
-def test_unknown_folders_are_refused(tmp_path: Path, data: Callable[..., Path]) -> None:
-    with pytest.raises(ValueError, match="no such folder"):
-        open_sequence(tmp_path / "nowhere")
-    with pytest.raises(ValueError, match="holds nothing that pilsim opens, needs the folder of one of: a sequence of pilsim"):
-        open_sequence(tmp_path)
-    (tmp_path / "detections").mkdir()
-    with pytest.raises(ValueError, match="calibration/ in it or beside it"):
-        open_sequence(tmp_path)
-    with pytest.raises(ValueError, match=r"View_002.txt: no such file; there are View_001, View_003"):
-        open_sequence(data("pets2009", "S2.L1"), SourceOptions(("2",)))
-    with pytest.raises(ValueError, match="names a camera twice"):
-        SourceOptions.parse(cameras="1,1")
-
-
 def test_other_and_degraded_detections(data: Callable[..., Path]) -> None:
     folder, other = data("pets2009", "S2.L1"), data("pets2009", "S2.L1", "mot15", "det.txt")
     choice = SourceOptions.parse([f"1={other}"], "drop=0.5,clutter=1", 3, cameras="1,5")
@@ -109,16 +54,19 @@ def test_other_and_degraded_detections(data: Callable[..., Path]) -> None:
     np.testing.assert_array_equal(list(alone.ticks)[7].views[0].detections.bearing, list(worse.ticks)[7].views[1].detections.bearing)
 
 
-def test_invalid_options_are_refused(data: Callable[..., Path], tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="needs CAMERA=FILE"):
-        SourceOptions.parse(["one"])
-    with pytest.raises(ValueError, match="no such file"):
-        SourceOptions.parse(["1=/nowhere/det.txt"])
-    with pytest.raises(ValueError, match="--seed is -1"):
-        SourceOptions.parse(seed=-1)
-    other = data("pets2009", "S2.L1", "mot15", "det.txt")
+def test_choices_that_cannot_be_are_refused(data: Callable[..., Path], tmp_path: Path) -> None:
+    folder, other = data("pets2009", "S2.L1"), data("pets2009", "S2.L1", "mot15", "det.txt")
+    with pytest.raises(ValueError, match="no such folder"):
+        open_sequence(tmp_path / "nowhere")
+    (tmp_path / "detections").mkdir()
+    with pytest.raises(ValueError, match="calibration/ in it or beside it"):
+        open_sequence(tmp_path)
+    with pytest.raises(ValueError, match=r"View_002.txt: no such file; there are View_001, View_003"):
+        open_sequence(folder, SourceOptions(("2",)))
+    with pytest.raises(ValueError, match="names a camera twice"):
+        SourceOptions.parse(cameras="1,1")
     with pytest.raises(ValueError, match="--detections names View_001, --cameras has 5"):
-        open_sequence(data("pets2009", "S2.L1"), SourceOptions.parse([f"1={other}"], cameras="5"))
+        open_sequence(folder, SourceOptions.parse([f"1={other}"], cameras="5"))
     sequences.write(tmp_path / "s")
     with pytest.raises(ValueError, match="--degrade and --project are for recordings"):
         open_sequence(tmp_path / "s", SourceOptions.parse(degrade="drop=0.5"))

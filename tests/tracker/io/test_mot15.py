@@ -100,14 +100,6 @@ def test_errors_name_file_and_line(tmp_path: Path, line: str, text: str) -> None
     assert text in str(error.value)
 
 
-def test_other_encodings_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "t.txt").write_bytes(GOOD.encode() + b"\xff\xfe")
-    with pytest.raises(ValueError, match="not UTF-8"):
-        read_mot15(tmp_path / "t.txt")
-    with pytest.raises(FileNotFoundError):
-        read_mot15(tmp_path / "absent.txt")
-
-
 @pytest.mark.parametrize(
     ("change", "text"),
     [

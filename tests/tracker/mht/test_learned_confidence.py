@@ -45,12 +45,13 @@ def check_same(a: list[Estimate], b: list[Estimate]) -> None:
         np.testing.assert_array_equal(one.position, other.position)
 
 
-@pytest.mark.parametrize("name", TRANSFORMS)
-def test_a_crowd_is_tracked_alike_on_any_scale(name: str) -> None:
+def test_a_crowd_is_tracked_alike_on_any_scale() -> None:
     rng = np.random.default_rng(7)
     setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(8, 30, rng)
     ticks = synthetic_crowd.ticks(setup, walked, rng, clutter=0.5)
-    check_same(tracked(setup, ticks), tracked(setup, transformed(ticks, TRANSFORMS[name])))
+    plain = tracked(setup, ticks)
+    for function in TRANSFORMS.values():
+        check_same(plain, tracked(setup, transformed(ticks, function)))
 
 
 def test_a_crowd_is_tracked_with_one_number_for_all_confidences() -> None:
@@ -88,6 +89,4 @@ def test_people_keep_their_tracks_whose_boxes_become_like_false_ones() -> None:
 def test_recordings_are_tracked_alike_on_any_scale(source: str, cameras: tuple[str, ...]) -> None:
     sequence = open_sequence(DATA / source, SourceOptions(cameras=cameras, frames=(0, 60)))
     ticks = list(sequence.ticks)
-    plain = tracked(sequence.setup, ticks)
-    for function in TRANSFORMS.values():
-        check_same(plain, tracked(sequence.setup, transformed(ticks, function)))
+    check_same(tracked(sequence.setup, ticks), tracked(sequence.setup, transformed(ticks, TRANSFORMS["log"])))

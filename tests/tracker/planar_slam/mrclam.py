@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+
+from tests.templates import copied
 
 BEGIN, SECONDS = 1000.0, 60.0
 LANDMARKS = {6: (3.0, 0.5), 7: (-2.0, 2.5), 8: (0.5, -3.0), 9: (1.0, 3.5)}
@@ -13,7 +16,12 @@ CODES = {1: 5, 2: 14, 6: 72, 7: 27, 8: 54, 9: 70}
 
 def write_set(folder: Path, rate: float = 50.0) -> Path:
     """Robots that do what they are told at once, 0.1 m/s and ∓0.1 rad/s, and see all there is twice a second, nearly without noise."""
-    folder.mkdir(parents=True)
+    copied(folder, ("mrclam", rate), partial(_write, rate=rate))
+    return folder
+
+
+def _write(folder: Path, rate: float) -> None:
+    folder.mkdir()
     rng = np.random.default_rng(3)
     (folder / "Barcodes.dat").write_text("# Subject # Barcode #\n" + "".join(f" {s} \t {c} \n" for s, c in CODES.items()))
     lines = "".join(f" {s} \t {x} \t {y} \t 0.0001 \t 0.0001\n" for s, (x, y) in LANDMARKS.items())
@@ -34,4 +42,3 @@ def write_set(folder: Path, rate: float = 50.0) -> Path:
                 d = place - poses[n][k, 1:3] + 0.001 * rng.normal(size=2)
                 rows.append([t[k] + BEGIN, CODES[s], np.hypot(*d), (np.arctan2(d[1], d[0]) - poses[n][k, 3] + np.pi) % (2 * np.pi) - np.pi])
         np.savetxt(folder / f"Robot{n}_Measurement.dat", rows, ["%.6f", "%d", "%.6f", "%.6f"])
-    return folder

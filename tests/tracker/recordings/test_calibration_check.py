@@ -19,8 +19,8 @@ from tracker.recordings.calibration_timing import STRETCHES
 from tracker.recordings.degradation import BoxNoise
 
 Data = Callable[..., Path]
-ERRORS = tuple(planted(walked_room(people=1, frames=2)))
-ROOM_WITHOUT_TRUTH = tuple(name for name, (_, _, seen) in planted(walked_room(people=1, frames=2)).items() if seen)
+PLANTED = {name: seen for name, (_, _, seen) in planted(walked_room(people=1, frames=2)).items()}
+"""Name of an error → whether it can be seen without truth."""
 
 
 @cache
@@ -36,20 +36,14 @@ def without_truth(recording: Recording) -> Recording:
     return replace(recording, truth=None)
 
 
-@pytest.mark.parametrize("error", ERRORS)
+@pytest.mark.parametrize("error", PLANTED)
 def test_each_planted_error_is_found_and_no_other(error: str) -> None:
-    kind, wrong, _ = planted(room())[error]
-    assert kinds(check_calibration(wrong)) == [kind]
+    """Without truth where it can be seen so. With truth too: the soak test of real recordings."""
+    kind, wrong, seen = planted(room())[error]
+    assert kinds(check_calibration(without_truth(wrong) if seen else wrong)) == [kind]
 
 
-@pytest.mark.parametrize("error", ROOM_WITHOUT_TRUTH)
-def test_without_truth_too_where_it_can_be_seen(error: str) -> None:
-    kind, wrong, _ = planted(room())[error]
-    assert kinds(check_calibration(without_truth(wrong))) == [kind]
-
-
-@pytest.mark.parametrize("seed", range(2))
-@pytest.mark.parametrize("people", [2, 8, 40])
+@pytest.mark.parametrize(("people", "seed"), [(2, 0), (8, 1), (40, 0)])
 def test_nothing_is_found_in_a_correct_recording(people: int, seed: int) -> None:
     recording = walked_room(people=people, frames=40 if people == 40 else 160, seed=seed)
     assert kinds(check_calibration(recording)) == []
@@ -88,7 +82,7 @@ def test_all_in_millimetres_is_told_of_each_part() -> None:
     assert "millimetres" in report.findings[0].words
 
 
-@pytest.mark.parametrize("shift", [-4, -2, -1, 1, 3])
+@pytest.mark.parametrize("shift", [-4, 1])
 def test_the_frames_and_the_camera_are_named(shift: int) -> None:
     late = with_frames(room().cut(10, 160), lambda frame: frame + 5 + shift, ("C3",))
     late = with_frames(late, lambda frame: frame + 5, ("C1", "C2", "C4"))
@@ -100,7 +94,7 @@ def test_the_frames_and_the_camera_are_named(shift: int) -> None:
     assert ("late" if shift > 0 else "early") in finding.words
 
 
-@pytest.mark.parametrize("n", [2, 3, 5, 10, 30])
+@pytest.mark.parametrize("n", [2, 30])
 def test_every_nth_frame_names_n(n: int) -> None:
     assert n in STRETCHES
     recording = room()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -30,6 +31,7 @@ def camera_at(place: tuple[float, float, float], target: tuple[float, float, flo
     return RecordingCamera(Pinhole(1280, 720, 800.0, 800.0, 639.5, 359.5), Pose(rotation, np.array(place)))
 
 
+@cache
 def walked_room(people: int = 8, frames: int = 160, seed: int = 0, speed: float = 1.1) -> Recording:
     """4 frames/s; misses of 10 % and edges of 2 % of a box, and false boxes anywhere. speed: m/s; 0 for people who stand."""
     rng = np.random.default_rng(seed)
@@ -86,6 +88,7 @@ def with_truth(recording: Recording, scale: float = 1.0, change: Callable[[int],
     return replace(recording, truth={change(frame): (ids, places * scale) for frame, (ids, places) in recording.truth.items()}, frames=0)
 
 
+@cache
 def planted(recording: Recording) -> dict[str, tuple[str, Recording, bool]]:
     """Name of a planted error → kind of the finding that tells of it, the recording with the error, and whether it can be seen without truth."""
     first, second, third = list(recording.cameras)[:3]

@@ -109,9 +109,9 @@ def test_unknown_camera_model_is_refused(tmp_path: Path) -> None:
 
 
 def test_same_input_gives_same_bytes(tmp_path: Path) -> None:
-    sequences.write(tmp_path / "a")
-    sequences.write(tmp_path / "b")
-    sequences.write(tmp_path / "c", seed=1)
+    sequences.write_anew(tmp_path / "a")
+    sequences.write_anew(tmp_path / "b")
+    sequences.write_anew(tmp_path / "c", seed=1)
     a, b, c = ((tmp_path / name / "manifest.json").read_bytes() for name in "abc")
     assert a == b
     assert a != c

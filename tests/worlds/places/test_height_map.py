@@ -104,18 +104,24 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("name", BAD)
-def test_what_cannot_be_used_is_one_line(tmp_path: Path, name: str) -> None:
-    write_png(tmp_path / "dem.png")
+@pytest.fixture(scope="module")
+def bad_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("bad")
+    write_png(folder / "dem.png")
     z = hills(*pixel_centres(60.0, 60))
-    write_tiff(tmp_path / "nan.tif", np.full_like(z, np.nan), 1.0)
-    write_tiff(tmp_path / "degrees.tif", z, 0.0001, model=2)
-    write_tiff(tmp_path / "holes.tif", np.where(z > 3, np.nan, z), 1.0)
-    Image.fromarray(np.zeros((9, 9, 3), np.uint8)).save(tmp_path / "colour.png")
+    write_tiff(folder / "nan.tif", np.full_like(z, np.nan), 1.0)
+    write_tiff(folder / "degrees.tif", z, 0.0001, model=2)
+    write_tiff(folder / "holes.tif", np.where(z > 3, np.nan, z), 1.0)
+    Image.fromarray(np.zeros((9, 9, 3), np.uint8)).save(folder / "colour.png")
     for broken in ("broken.png", "broken.tif"):
-        (tmp_path / broken).write_bytes(b"II*\0 not a picture")
+        (folder / broken).write_bytes(b"II*\0 not a picture")
+    return folder
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_what_cannot_be_used_is_one_line(bad_files: Path, name: str) -> None:
     with pytest.raises(ValueError, match=BAD[name]) as raised:
-        built(name.format(png=tmp_path / "dem.png", folder=tmp_path))
+        built(name.format(png=bad_files / "dem.png", folder=bad_files))
     assert "\n" not in str(raised.value)
 
 

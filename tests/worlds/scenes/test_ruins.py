@@ -2,31 +2,19 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import mujoco
 import numpy as np
 import pytest
 
-from worlds import catalogue
+from tests.worlds.inspection import compiled
 from worlds.scenes.ruins import SPRING, draw
-from worlds.world import World
 
-CASES = [(0, 0.0), (1, 0.5), (2, 1.0)]
-
-
-@cache
-def ruins(seed: int, difficulty: float) -> tuple[World, mujoco.MjModel, mujoco.MjData]:
-    world = catalogue.build("ruins", np.random.default_rng(seed), difficulty)
-    model = world.spec.copy().compile()
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    return world, model, data
+CASES = [(0, 0.0), (2, 1.0)]
 
 
 @pytest.mark.parametrize(("seed", "difficulty"), CASES)
 def test_arches_are_walked_under(seed: int, difficulty: float) -> None:
-    world, model, data = ruins(seed, difficulty)
+    world, model, data = compiled("ruins", seed, difficulty)
     arches = draw(np.random.default_rng(seed), difficulty).arches
     geom = np.zeros(1, dtype=np.int32)
     free = [world.feet.free_at(middle[None])[0] for middle, _, _ in arches]
@@ -40,7 +28,7 @@ def test_arches_are_walked_under(seed: int, difficulty: float) -> None:
 
 @pytest.mark.parametrize(("seed", "difficulty"), CASES)
 def test_people_get_about_and_over_slabs(seed: int, difficulty: float) -> None:
-    world = ruins(seed, difficulty)[0]
+    world = compiled("ruins", seed, difficulty)[0]
     assert len(world.feet.sample(np.random.default_rng(0), 74, 0.1, 0.8)) == 74
     middles = world.decks.decks.mean(axis=1)
     assert world.feet.free_at(middles[:, :2]).mean() > 0.3
@@ -50,7 +38,7 @@ def test_the_harder_the_less_is_seen() -> None:
     """Of pairs of people's heads anywhere, more are hidden from each other."""
     shares = []
     for seed, difficulty in CASES:
-        world, model, data = ruins(seed, difficulty)
+        world, model, data = compiled("ruins", seed, difficulty)
         places = world.feet.sample(np.random.default_rng(0), 40, 0.0, 0.8)
         eyes = np.column_stack([places, world.terrain.height_at(places) + 1.5])
         hidden, geom = 0, np.zeros(1, dtype=np.int32)
@@ -59,5 +47,5 @@ def test_the_harder_the_less_is_seen() -> None:
             d = mujoco.mj_ray(model, data, a, (b - a) / length, None, 1, -1, geom, None)
             hidden += 0 <= d < length
         shares.append(hidden / len(eyes))
-    assert shares[2] > shares[0]
-    assert shares[2] > 0.3
+    assert shares[1] > shares[0]
+    assert shares[1] > 0.3

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import mujoco
 import numpy as np
 import pytest
 
-from worlds import catalogue
+from tests.worlds.inspection import compiled
 from worlds.scenes.tunnel import draw
 from worlds.terrain.heightfield import Array
 from worlds.world import World
@@ -16,13 +14,8 @@ from worlds.world import World
 SEEDS = range(2)
 
 
-@cache
 def tunnel(seed: int) -> tuple[World, mujoco.MjModel, mujoco.MjData]:
-    world = catalogue.build("tunnel", np.random.default_rng(seed), 0.5 + 0.5 * seed)
-    model = world.spec.copy().compile()
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    return world, model, data
+    return compiled("tunnel", seed, 0.5 + 0.5 * seed)
 
 
 def rays(seed: int, eye: Array, way: Array) -> tuple[Array, Array]:

@@ -1,6 +1,5 @@
 """A scene of AI City as a recording: names of files, people alone, and bad content with its file."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -65,13 +64,7 @@ def test_bad_scenes_are_refused_with_their_file(tmp_path: Path) -> None:
         read_aicity(write(tmp_path / "rates", [camera("A"), camera("B", rate=10.0)]))
     with pytest.raises(ValueError, match=r"detections/B.txt: is of camera 'B', calibration.json has A"):
         read_aicity(write(tmp_path / "names", [camera("A")], {"B.txt": ""}))
-    with pytest.raises(ValueError, match=r"A.txt:.*1: 2 values, needs 10"):
-        read_aicity(write(tmp_path / "rows", [camera("A")], {"A.txt": "1,2\n"}))
     below = write(tmp_path / "below", [camera("A", z=-3.0)])
     with pytest.raises(ValueError, match=r"calibration.json: .*A.* below the ground"):
         read_aicity(below)
     assert read_aicity(below, strict=False).cameras["A"].pose.translation[2] == pytest.approx(-3)
-    truth = write(tmp_path / "truth", [camera("A")])
-    (truth / "ground_truth.json").write_text(json.dumps({"0": [{"object type": "Person"}]}))
-    with pytest.raises(ValueError, match=r"ground_truth.json: frame 0: object 0: object id is None"):
-        read_aicity(truth)

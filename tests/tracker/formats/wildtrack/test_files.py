@@ -84,7 +84,7 @@ def test_pinhole_equals_opencv_camera(tmp_path: Path) -> None:
     assert_allclose(again.pixels(points), camera.pixels_from_bearings(T.inverse().apply(points))[0], atol=1e-9)
 
 
-@pytest.mark.parametrize(("view", "bound"), [(1, 0.002), (2, 1.5), (3, 0.05), (4, 1e-6), (5, 0.6), (6, 0.8), (8, 8.0)])
+@pytest.mark.parametrize(("view", "bound"), [(1, 0.002), (4, 1e-6), (8, 8.0)])
 def test_real_cameras_are_approximated_within_the_stated_error(data: Any, view: int, bound: float) -> None:
     _, camera, T = read_camera(data("pets2009", "calibration", f"View_00{view}.xml"))
     calibrated, error = OpenCvCamera.of(camera, T)

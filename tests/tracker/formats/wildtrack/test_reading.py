@@ -107,6 +107,7 @@ def test_feet_of_a_real_detector_are_near_the_truth(data: Data) -> None:
     assert np.median(distances) < 0.5
 
 
+@pytest.mark.soak
 def test_real_crowd_with_projected_boxes(data: Data) -> None:
     """Frames 1 to 180 (those for tuning), bodies of 1.75 x 0.5 m, misses 0.1, edges 2 %, seed 0."""
     recording = projected_boxes(read_wildtrack(data("wildtrack")), BoxNoise(0.1, 0.02), seed=0).cut(0, 180)
