@@ -21,6 +21,8 @@ from tracker.recordings.degradation import BoxNoise
 Data = Callable[..., Path]
 PLANTED = {name: seen for name, (_, _, seen) in planted(walked_room(people=1, frames=2)).items()}
 """Name of an error → whether it can be seen without truth."""
+OTHER_CAMERAS = {f"frames + 1 in C{k}" for k in (2, 3, 4)}
+"""Found like that of C1: in real recordings, and of C3 where it is named."""
 
 
 @cache
@@ -36,7 +38,7 @@ def without_truth(recording: Recording) -> Recording:
     return replace(recording, truth=None)
 
 
-@pytest.mark.parametrize("error", PLANTED)
+@pytest.mark.parametrize("error", [error for error in PLANTED if error not in OTHER_CAMERAS])
 def test_each_planted_error_is_found_and_no_other(error: str) -> None:
     """Without truth where it can be seen so. With truth too: the soak test of real recordings."""
     kind, wrong, seen = planted(room())[error]
@@ -143,6 +145,7 @@ SOURCES = {
     "WILDTRACK, half missing": (("wildtrack",), {"misses": 0.5}),
     "PETS 2009": (("pets2009", "S2.L1"), {}),
 }
+LONG = ("CMC2, Faster R-CNN", "WILDTRACK, half missing", "PETS 2009")
 IN_STEP = {"CMC1": {"C2"}, "CMC2": {"C3"}}
 """Cameras that are 0.4 frames out of step. Without truth, one frame more in the other direction leaves them as much in step as they are."""
 
@@ -154,7 +157,7 @@ def opened(path: Path, other: bool = False, misses: float | None = None) -> Reco
     return open_recording(path, SourceOptions(detections=detections, projected=noise))
 
 
-@pytest.mark.parametrize("source", SOURCES)
+@pytest.mark.parametrize("source", [pytest.param(source, marks=[pytest.mark.soak] if source in LONG else []) for source in SOURCES])
 def test_nothing_is_found_in_real_recordings(data: Data, source: str) -> None:
     parts, options = SOURCES[source]
     recording = opened(data(*parts), **options)

@@ -16,7 +16,6 @@ from tracker.formats.opening import open_recording
 from tracker.formats.source_options import SourceOptions
 from tracker.recordings import Recording
 from tracker.recordings.calibration_check import UNEXPLAINED, check_calibration, suspicion
-from tracker.recordings.degradation import BoxNoise
 
 Data = Callable[..., Path]
 ERRORS = tuple(unnamed(walked_room(people=1, frames=2)))
@@ -88,18 +87,16 @@ def test_nothing_speaks_against_a_right_recording(people: int) -> None:
     assert suspicion(walked_room(people=people, frames=40, speed=0.0)) == ""
 
 
-VIEWS = ("1", "3", "4", "1,5,7", "5,6,7,8", "3,4", "4,7", "")
-RIGHT = {f"PETS {views}": (("pets2009", "S2.L1"), {"cameras": tuple(views.split(",")) if views else ()}) for views in VIEWS}
-RIGHT |= {f"CMC{k}": (("cmc", f"CMC{k}"), {}) for k in (1, 2)} | {f"CMC{k}, Faster R-CNN": (("cmc", f"CMC{k}"), {"other": True}) for k in (1, 2)}
-RIGHT |= {f"WILDTRACK, {misses:.0%} missing": (("wildtrack",), {"projected": BoxNoise(misses, 0.02)}) for misses in (0.1, 0.5)}
-RIGHT["WILDTRACK, view 5"] = (("wildtrack",), {})
+PETS, MORE = ("1", "3", "4", "1,5,7", "3,4"), ("4,7", "5,6,7,8")
+"""Few cameras. `check` itself is tried with all cameras of real recordings (test_calibration_check.py)."""
 
 
-@pytest.mark.parametrize("source", RIGHT)
-def test_nothing_speaks_against_real_recordings(data: Data, source: str) -> None:
-    parts, options = RIGHT[source]
-    path = data(*parts)
-    if options.pop("other", False):
-        options["detections"] = {"": path / "detections-faster-rcnn"}
-    recording = open_recording(path, SourceOptions(**options), strict=False)
+@pytest.mark.parametrize("views", [*PETS, *(pytest.param(views, marks=pytest.mark.soak) for views in MORE)])
+def test_nothing_speaks_against_few_cameras_of_real_recordings(data: Data, views: str) -> None:
+    recording = open_recording(data("pets2009/S2.L1"), SourceOptions(tuple(views.split(","))), strict=False)
+    assert suspicion(recording) == suspicion(replace(recording, truth=None)) == ""
+
+
+def test_nothing_speaks_against_seven_cameras_with_boxes_in_one(data: Data) -> None:
+    recording = open_recording(data("wildtrack"), SourceOptions(), strict=False)
     assert suspicion(recording) == suspicion(replace(recording, truth=None)) == ""

@@ -92,10 +92,9 @@ WITH_IMAGES = Parameters(images=ImageParameters(None, SilhouetteParameters(), ap
 TRACKLETS = replace(WITH_IMAGES, images=ImageParameters(TrackletParameters(), SilhouetteParameters(), appearance=True))
 
 
-@pytest.mark.parametrize("parameters", [TRACKLETS, WITH_IMAGES], ids=["tracklets", "no tracklets"])
-def test_tracking_real_people_with_images(data: Any, parameters: Parameters) -> None:
+def test_tracking_real_people_with_images(data: Any) -> None:
     """60 real frames, where nobody is to be confused."""
-    found = scores(data("pets2009/S2.L1"), 60, SourceOptions(), parameters)
+    found = scores(data("pets2009/S2.L1"), 60, SourceOptions(), TRACKLETS)
     assert found["mota"] > 0.95
     assert found["switches"] == 0
 
