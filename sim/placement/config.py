@@ -28,8 +28,8 @@ DECISION_RATE = 2.0
 FRAMES_PER_DECISION = 3
 """Sensor frames per decision: 6 per second, as in recorded sequences."""
 
-STEPS_PER_FRAME = 2
-"""Steps of people and kinematic rovers per sensor frame."""
+DRIVING_STEPS = 2
+"""Steps of kinematic rovers per sensor frame. People take one, of 1/6 s: their speeds and gaps are those of steps of 1/24 s, within 5 %."""
 
 DENSITIES: dict[str, dict[str, Any]] = {
     "pilsun": {"world": "pilsun", "people": 10, "robots": 4},

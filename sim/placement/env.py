@@ -22,7 +22,7 @@ from sim.pedestrian import clothing, clothing_textures, gait, skeleton
 from sim.placement.config import DECISION_RATE, PlacementConfig
 from sim.placement.episode import GOSPA, Episode, Reward, checked_reward, reward_of
 from sim.placement.map import PlacementMap, map_of
-from sim.placement.observations import Observation, observe, space_of
+from sim.placement.observations import Observation, bounded, empty, observe, space_of
 from sim.placement.plan_view import draw_plan
 from sim.rendering.panorama import PanoramaRenderer
 from sim.robots import rover
@@ -83,7 +83,7 @@ class Placement(gymnasium.Env[Observation, Array]):
         return self.decide(checked_action(action, (self.config.robots, 2)))
 
     def decide(self, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """As `step`, for an action that is checked, between `reset` and the end. Its compiled parts run beside those of other environments."""
+        """As `step`, for an action that is checked, between `reset` and the end."""
         episode = self.episode
         assert episode is not None
         terms = episode.step(action)
@@ -111,7 +111,9 @@ class Placement(gymnasium.Env[Observation, Array]):
         self._camera_views.close()
 
     def _observation(self, episode: Episode) -> Observation:
-        out = observe(episode)
+        rows = empty(self.config, 1)
+        observe([episode], rows)
+        out = {name: array[0] for name, array in bounded(rows).items()}
         if self.config.observation == "pixels":
             out["panoramas"] = np.concatenate(self._camera_views.render(episode, list(range(self.config.robots)), self.config.width))
         return out

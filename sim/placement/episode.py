@@ -5,21 +5,21 @@ It is independent of gymnasium. env.py, vector_env.py and parallel_env.py wrap i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from sim.placement import kinematics
-from sim.placement.beliefs import Beliefs, predict, update
 from sim.placement.config import FRAMES_PER_DECISION, SEEDS_PER_MAP, PlacementConfig
-from sim.placement.information import Views, add_information, detector_of, move_robots, started_robots, unknown_people
-from sim.placement.kinematics import camera_kernel
+from sim.placement.information import Views, add_information, detector_of, move_robots
+from sim.placement.kinematics import camera_kernel, energy
 from sim.placement.map import MapKey, PlacementMap, bilinear_at, map_of
-from sim.placement.movers import KinematicMover, Mover, Order, PhysicsMover
+from sim.placement.movers import KinematicMover, Mover, Order, PhysicsMover, advance_rows, ways_of
+from sim.placement.states import COLLISIONS, ENERGY, INFORMATION, SEEN, SEEN_TWICE, TERMS, TIP_OVERS, TRAIL_LENGTH, Beliefs, States, predict, update
 from sim.placement.tracker_in_loop import TrackerInLoop
 from sim.placement.visibility import share_kernel
 from sim.robots.driving import TOP_SPEED, TOP_YAW_RATE
@@ -29,21 +29,8 @@ from tracker.geometry import Array
 from tracker.geometry.compilation import njit
 from worlds.terrain.heightfield import Mask
 
-TRAIL_LENGTH = 60
-"""Number of decisions that a trail covers."""
 GOSPA_CUTOFF = 2.0
 """Cut-off distance c of GOSPA, m."""
-NO_GOALS: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
-TERMS: dict[str, str] = {
-    "information": "expected information about the place of a person, nats: ½ log det of an unknown place over the bound, the mean over people",
-    "seen": "share of people whom at least one robot sees, in [0, 1]",
-    "seen_twice": "share of people whom at least two robots see, in [0, 1]",
-    "collisions": "robots stopped by a person, by another robot or by the ground in this decision",
-    "near_misses": "people within 0.98 m of a moving robot",
-    "tip_overs": "robots that tipped over in this decision",
-    "energy": "energy spent by all robots, kJ",
-}
-"""Every term of the reward and its meaning."""
 WEIGHTS: dict[str, float] = {"information": 0.2, "collisions": -0.05, "near_misses": -0.05, "tip_overs": -5.0, "energy": -0.02}
 """Default weights. A person who is seen well has about 5 nats."""
 GOSPA = "gospa"
@@ -72,11 +59,9 @@ class Decision:
 
 @dataclass(eq=False)
 class Episode:
-    """The state between decisions. `begin` makes an episode and `step` advances it.
+    """An episode, whose state between decisions is row `row` of `states`. `begin` makes an episode and `step` advances it.
 
-    bounds (p, 4, 4), robot_bounds (r, 3, 3): expected covariances of people and of poses, as in information.py.
-    time_unseen (p,): time since each person was last seen, s. goals (r,): goal nodes of the roadmap, for waypoint actions.
-    trail: robot positions (r, 2) m after each of the last decisions. added (r,): what each robot adds to the information about a person, nats.
+    goals (r,): goal nodes of the roadmap, for waypoint actions. terms: of the last decision.
     decided: s that a policy took for the last decision, where somebody measures it.
     """
 
@@ -84,15 +69,10 @@ class Episode:
     place: PlacementMap
     mover: Mover
     rng: np.random.Generator
-    now: Decision
-    beliefs: Beliefs
-    bounds: Array
-    robot_bounds: Array
-    time_unseen: Array
+    states: States
+    row: int = 0
     tracking: TrackerInLoop | None = None
     goals: NDArray[np.int64] | None = None
-    trail: list[Array] = field(default_factory=list)
-    added: Array = field(default_factory=lambda: np.zeros(0))
     terms: dict[str, float] = field(default_factory=dict)
     decided: float = 0.0
 
@@ -108,44 +88,40 @@ class Episode:
         kind = PhysicsMover if config.drive == "physics" else KinematicMover.begin
         mover: Mover = kind(config, place, chosen, crowd)
         tracking = TrackerInLoop.begin(config, place, mover, rng) if config.observation == "tracks" else None
-        nothing, r, p = np.zeros(config.robots), config.robots, config.people
-        people = place.people_at(mover.crowd)
-        now = Decision(mover.team, people, np.zeros((r, 3)), np.zeros((r, p)), nothing, np.zeros(r, dtype=bool))
-        bounds = unknown_people(p), started_robots(r)
-        episode = Episode(config, place, mover, rng, now, Beliefs.none(p), *bounds, np.zeros(p), tracking)
+        episode = Episode(config, place, mover, rng, mover.states, tracking=tracking)
+        episode.states.before[0] = mover.team
         if tracking is not None:
-            tracking.update(mover, people)
-        episode._sense(mover.team, nothing, 0.0)
+            tracking.update(mover, place.people_at(mover.crowd))
+        _sense([episode], 0.0)
         return episode
+
+    def move_to(self, states: States, row: int) -> None:
+        """Keep the state in a row of other states from now on."""
+        states.copy_row(row, self.states, self.row)
+        self.states, self.row = self.mover.states, self.mover.row = states, row
 
     def step(self, action: Array) -> dict[str, float]:
         """Advance by one decision with action (r, 2) in [−1, 1], and return its reward terms."""
-        before, mover, near = self.now, self.mover, 0
-        order = Order(action * np.array([TOP_SPEED, TOP_YAW_RATE]), NO_GOALS)
-        if self.config.action == "waypoint":
-            self.goals = self.place.roadmap.nearest(self.place.metres(action))
-            order = Order(np.zeros_like(action), self.goals)
-        stopped = np.zeros(len(before.team))
-        # The tracker in the loop takes every frame. Without it, all frames of a decision are one compiled call.
-        for _ in range(1 if self.tracking is None else FRAMES_PER_DECISION):
-            blocked, close = mover.advance(order, FRAMES_PER_DECISION if self.tracking is None else 1)
-            stopped, near = np.maximum(stopped, blocked), max(near, close)
-            if self.tracking is not None:
-                self.tracking.update(mover, self.place.people_at(mover.crowd))
-        self.trail = [*self.trail[1 - TRAIL_LENGTH :], mover.team[:, :2]]
-        information = self._sense(before.team, stopped, self.config.period)
-        now, people = self.now, max(self.config.people, 1)
-        views = (now.seen > 0).sum(axis=0)
-        self.terms = {
-            "information": information,
-            "seen": float((views >= 1).sum() / people),
-            "seen_twice": float((views >= 2).sum() / people),
-            "collisions": float((stopped > 0).sum()),
-            "near_misses": float(near),
-            "tip_overs": float((now.tipped & ~before.tipped).sum()),
-            "energy": float(kinematics.energy(before.team, now.team, now.cameras[:, 2] - before.cameras[:, 2])),
-        }
+        decide([self], action[None])
+        self.terms = dict(zip(TERMS, self.states.terms[self.row].tolist(), strict=True))
         return self.terms
+
+    @property
+    def now(self) -> Decision:
+        """The situation after the last decision. The arrays change with the next one."""
+        s, n = self.states, self.row
+        return Decision(s.team[n], s.people[n], s.cameras[n], s.seen[n], s.stopped[n], s.tipped[n])
+
+    @property
+    def beliefs(self) -> Beliefs:
+        """What the team believes of people whose identities are known."""
+        return Beliefs(self.states.known[self.row], self.states.mean[self.row], self.states.covariance[self.row])
+
+    @property
+    def trail(self) -> list[Array]:
+        """Robot positions (r, 2) m after each of the last decisions."""
+        count = int(self.states.decisions[self.row])
+        return [self.states.trail[self.row, k % TRAIL_LENGTH] for k in range(max(count - TRAIL_LENGTH, 0), count)]
 
     @property
     def all_tipped(self) -> bool:
@@ -163,33 +139,50 @@ class Episode:
         """GOSPA (c = 2 m, p = 2) of `estimates` over that of an empty estimate: 0 is perfect, 1 is no better than the empty estimate."""
         return relative_gospa(self.now.people[:, :2], self.estimates()[0])
 
-    def _sense(self, before: Array, stopped: Array, dt: float) -> float:
-        """Update the situation, beliefs and bounds with what the cameras see. Returns the information about a person, nats."""
-        config, mover, b = self.config, self.mover, self.beliefs
-        shape = config.robots, config.people
-        drawn = self.rng.normal(size=(*shape, 2)), self.rng.random(shape)
-        limits = config.visibility_limits
-        settings = detector_row(config), (limits.reach, limits.size, 0.0), limits.share, config.camera_height
-        tipped, body = mover.tipped(), mover.body
-        found = _sense(
-            self.place.scene,
-            (before, mover.team, tipped),
-            (body, self.place.stature),
-            settings,
-            (dt, float(FRAMES_PER_DECISION)),
-            drawn,
-            (b.known, b.mean, b.covariance, self.bounds, self.robot_bounds),
-        )
-        people, cameras, seen, known, mean, covariance, information, self.added = found
-        self.now = Decision(mover.team, people, cameras, seen, stopped, tipped)
-        self.beliefs = Beliefs(known, mean, covariance)
-        self.time_unseen = (self.time_unseen + dt) * ~seen.any(axis=0)
-        return float(information)
-
     @staticmethod
     def key(config: PlacementConfig, seed: int) -> MapKey:
         """The key of the map of an episode of this seed."""
         return MapKey(config.world, config.difficulty, seed // SEEDS_PER_MAP if config.map_seed is None else config.map_seed, config.people)
+
+
+def decide(episodes: Sequence[Episode], actions: Array) -> None:
+    """Advance episodes of one map and one configuration, rows of the same states, by a decision with actions (n, r, 2) in [−1, 1].
+
+    Terms are then in states.terms. Robots of kinematic episodes without a tracker move in one call of a kernel.
+    """
+    first, rows = episodes[0], _rows(episodes)
+    states, order = first.states, Order(actions * np.array([TOP_SPEED, TOP_YAW_RATE]), np.zeros((len(rows), 0), dtype=np.int64))
+    if first.config.action == "waypoint":
+        goals = first.place.roadmap.nearest(first.place.metres(actions.reshape(-1, 2))).reshape(actions.shape[:2])
+        order = Order(np.zeros_like(actions), goals)
+        for episode, row in zip(episodes, goals, strict=True):
+            episode.goals = row
+    states.before[rows], states.stopped[rows], states.terms[rows] = states.team[rows], 0, 0.0
+    if first.tracking is None and isinstance(first.mover, KinematicMover):
+        advance_rows(rows, states, order, ways_of(first.place), (first.mover.dt, FRAMES_PER_DECISION))
+    else:
+        for k, episode in enumerate(episodes):
+            for _ in range(FRAMES_PER_DECISION):
+                episode.mover.advance(Order(order.velocity[k : k + 1], order.goals[k : k + 1]))
+                if episode.tracking is not None:
+                    episode.tracking.update(episode.mover, episode.place.people_at(episode.mover.crowd))
+    _sense(episodes, first.config.period)
+
+
+def _rows(episodes: Sequence[Episode]) -> NDArray[np.int64]:
+    return np.array([episode.row for episode in episodes], dtype=np.int64)
+
+
+def _sense(episodes: Sequence[Episode], dt: float) -> None:
+    """Update situations, beliefs, bounds and terms with what the cameras see."""
+    first = episodes[0]
+    states, config, limits = first.states, first.config, first.config.visibility_limits
+    for episode in episodes:
+        episode.rng.standard_normal(out=states.noise[episode.row])
+        episode.rng.random(out=states.luck[episode.row])
+        states.tipping[episode.row] = episode.mover.tipped()
+    settings = detector_row(config), (limits.reach, limits.size, 0.0), limits.share, config.camera_height
+    _sense_rows(_rows(episodes), states, (first.place.scene, first.place.stature), settings, (dt, float(FRAMES_PER_DECISION)))
 
 
 @lru_cache(maxsize=64)
@@ -200,35 +193,56 @@ def detector_row(config: PlacementConfig) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def _sense(scene, motion, crowd, settings, step, drawn, state):  # type: ignore[no-untyped-def]
-    """What a team sees after a decision: people (p, 4), cameras (r, 3), seen (r, p), beliefs, and what add_information gives.
+def _sense_rows(rows, states, place, settings, step):  # type: ignore[no-untyped-def]
+    """`_sense` of the episodes `rows` (n,) of one map, in place.
 
-    motion: team before and after (r, 7), tipped (r,). crowd: bodies (p, 10), stature (p,). settings: detector, limits of views, least share that
-    counts as seen, camera height. step: time s, frames. drawn: noise (r, p, 2), luck (r, p). state: beliefs, and bounds, which change in place.
+    place: scene, stature (p,). settings: detector, limits of views, least share that counts as seen, camera height. step: time s, frames.
     """
-    before, team, tipped = motion
-    body, stature = crowd
-    detector, limits, least, mast = settings
-    known, mean, covariance, bounds, robots = state
-    people, cameras = np.empty((len(body), 4)), camera_kernel(team, scene.floor, scene.origin, scene.spacing, mast)
-    for p in range(len(body)):
-        people[p, 0], people[p, 1], people[p, 3] = body[p, 0], body[p, 1], stature[p]
-        people[p, 2] = bilinear_at(scene.floor, scene.origin, scene.spacing, body[p, 0], body[p, 1])
-    share = share_kernel(scene.top, scene.frame, cameras, people, limits)
+    for n in rows:
+        climbed = -states.cameras[n, :, 2]
+        share = _look(n, states, place, settings, step)
+        climbed += states.cameras[n, :, 2]
+        states.seen[n] = np.where(share >= settings[2], share, 0.0)
+        once = twice = 0
+        for p in range(share.shape[1]):
+            views = (states.seen[n, :, p] > 0).sum()
+            once, twice = once + (views >= 1), twice + (views >= 2)
+            states.time_unseen[n, p] = 0.0 if views else states.time_unseen[n, p] + step[0]
+        terms, people = states.terms[n], max(share.shape[1], 1)
+        terms[SEEN], terms[SEEN_TWICE] = once / people, twice / people
+        terms[COLLISIONS] = (states.stopped[n] > 0).sum()
+        terms[TIP_OVERS] = (states.tipping[n] & ~states.tipped[n]).sum()
+        terms[ENERGY] = energy(states.before[n], states.team[n], climbed)
+        states.tipped[n] = states.tipping[n]
+        if step[0] > 0:
+            states.trail[n, states.decisions[n] % TRAIL_LENGTH] = states.team[n, :, :2]
+            states.decisions[n] += 1
+
+
+@njit(cache=True)
+def _look(n, states, place, settings, step):  # type: ignore[no-untyped-def]
+    """Update people, cameras, beliefs and bounds of episode n, and return the share (r, p) of bodies that cameras see."""
+    (scene, stature), (detector, limits, _, mast) = place, settings
+    team, people, robots = states.team[n], states.people[n], states.robot_bounds[n]
+    cameras = camera_kernel(team, scene.floor, scene.origin, scene.spacing, mast)
+    for p in range(len(people)):
+        people[p, 0], people[p, 1], people[p, 3] = states.body[n, p, 0], states.body[n, p, 1], stature[p]
+        people[p, 2] = bilinear_at(scene.floor, scene.origin, scene.spacing, people[p, 0], people[p, 1])
+    share = share_kernel(scene.elevation, cameras, people, limits)
     above = cameras.copy()
     for r in range(len(team)):
-        if tipped[r]:
+        if states.tipping[n, r]:
             share[r] = 0.0
         above[r, 2] = max(cameras[r, 2] - bilinear_at(scene.floor, scene.origin, scene.spacing, team[r, 0], team[r, 1]), 0.2)
+    known, mean, covariance = states.known[n], states.mean[n], states.covariance[n]
     if step[0] > 0:
-        move_robots(robots, before, team, scene.landmarks, step[0])
-    views = Views(detector, robots, share, above, people)
-    if step[0] > 0:
+        move_robots(robots, states.before[n], team, scene.landmarks, step[0])
         known, mean, covariance = predict(known, mean, covariance, step[0])
-    known, mean, covariance = update(known, mean, covariance, views, drawn)
-    information, added = add_information(bounds, views, step)
-    seen = np.where(share >= least, share, 0.0)
-    return people, cameras, seen, known, mean, covariance, information, added
+    views = Views(detector, robots, share, above, people)
+    found = update(known, mean, covariance, views, (states.noise[n], states.luck[n]))
+    states.known[n], states.mean[n], states.covariance[n], states.cameras[n] = found[0], found[1], found[2], cameras
+    states.terms[n, INFORMATION], states.added[n] = add_information(states.bounds[n], views, step)
+    return share
 
 
 def checked_reward(reward: Reward | None) -> Reward:
@@ -254,7 +268,12 @@ def reward_of(reward: Reward, terms: Mapping[str, float]) -> float:
         if not np.isfinite(value):
             raise ValueError(f"the reward function gave {value}, needs a finite number")
         return value
-    return float(sum(weight * terms[name] for name, weight in reward.items()))
+    return float(weighted(reward, terms))
+
+
+def weighted(weights: Mapping[str, float], terms: Mapping[str, Any]) -> Any:
+    """The weighted sum of terms: of numbers, or of arrays (n,) of many episodes."""
+    return sum(weight * terms[name] for name, weight in weights.items())
 
 
 def gospa(truth: Array, estimate: Array, cutoff: float = GOSPA_CUTOFF) -> float:

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sim.placement.config import TRAVELLED, TURNED, YAW, X, Y
+from sim.placement.roadmap import nearest_node
 from sim.robots.odometry import GYRO_BIAS, GYRO_SCALE
 from tracker.detector_models.independent import IndependentErrors
 from tracker.detector_models.model import KNOTS, Model
@@ -200,19 +201,34 @@ def move_robots(bounds, before, after, landmarks, dt):  # type: ignore[no-untype
     nodes, information = landmarks
     for r in range(len(after)):
         P, moved = bounds[r], after[r, TRAVELLED] - before[r, TRAVELLED]
-        dx, dy = after[r, X] - before[r, X], after[r, Y] - before[r, Y]
-        F = np.eye(3)
-        F[0, 2], F[1, 2] = -dy, dx
-        P[:] = F @ P @ F.T
+        # F P Fᵀ, where a turn of the robot by ψ moves its last step by ψ across.
+        ax, ay = before[r, Y] - after[r, Y], after[r, X] - before[r, X]
+        P[0, 0] += 2 * ax * P[0, 2] + ax * ax * P[2, 2]
+        P[1, 1] += 2 * ay * P[1, 2] + ay * ay * P[2, 2]
+        P[0, 1] += ax * P[1, 2] + ay * P[0, 2] + ax * ay * P[2, 2]
+        P[0, 2] += ax * P[2, 2]
+        P[1, 2] += ay * P[2, 2]
         c, s = math.cos(after[r, YAW]), math.sin(after[r, YAW])
         along, aside = (0.001 + SLIP * moved) ** 2, (0.001 + 0.5 * SLIP * moved) ** 2
         P[0, 0] += along * c * c + aside * s * s
         P[1, 1] += along * s * s + aside * c * c
         P[0, 1] += (along - aside) * c * s
-        P[1, 0] += (along - aside) * c * s
         P[2, 2] += (GYRO_BIAS * dt) ** 2 + (GYRO_SCALE * (after[r, TURNED] - before[r, TURNED])) ** 2
-        nearest = np.argmin((nodes[:, 0] - after[r, X]) ** 2 + (nodes[:, 1] - after[r, Y]) ** 2)
-        P[:] = np.linalg.inv(np.linalg.inv(P) + information[nearest])
+        P[1, 0], P[2, 0], P[2, 1] = P[0, 1], P[0, 2], P[1, 2]
+        found = information[nearest_node(nodes, after[r, X], after[r, Y])[0]]
+        P[:] = _inverse(_inverse(P) + found)
+
+
+@njit(cache=True)
+def _inverse(A):  # type: ignore[no-untyped-def]
+    """The inverse of a symmetric matrix (3, 3), by its adjugate."""
+    out = np.empty((3, 3))
+    for i in range(3):
+        for j in range(i + 1):
+            a, b, c, d = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
+            out[i, j] = A[c, a] * A[d, b] - A[c, b] * A[d, a]
+            out[j, i] = out[i, j]
+    return out / (A[0, 0] * out[0, 0] + A[0, 1] * out[0, 1] + A[0, 2] * out[0, 2])
 
 
 @njit(cache=True)

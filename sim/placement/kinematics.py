@@ -140,11 +140,14 @@ def camera_kernel(team, heights, origin, spacing, mast):  # type: ignore[no-unty
     return out
 
 
-def energy(before: Array, after: Array, climbed: Array) -> float:
+@njit(cache=True)
+def energy(before, after, climbed):  # type: ignore[no-untyped-def]
     """Energy in kJ that a team spent between two states (r, 7): rolling, scrubbing, and climbing by climbed (r,) m.
 
     Descending recovers no energy.
     """
-    distance, turned = after[:, TRAVELLED] - before[:, TRAVELLED], after[:, TURNED] - before[:, TURNED]
-    work = MASS * GRAVITY * (ROLLING_RESISTANCE * distance + SCRUBBING_RESISTANCE * WHEEL_ARM * turned + np.maximum(climbed, 0.0))
-    return float(work.sum()) / 1000.0
+    work = 0.0
+    for r in range(len(after)):
+        rolled, turned = after[r, TRAVELLED] - before[r, TRAVELLED], after[r, TURNED] - before[r, TURNED]
+        work += ROLLING_RESISTANCE * rolled + SCRUBBING_RESISTANCE * WHEEL_ARM * turned + max(climbed[r], 0.0)
+    return MASS * GRAVITY * work / 1000.0

@@ -47,10 +47,11 @@ SURFACE_MARGIN = 0.4
 class ViewScene(NamedTuple):
     """A map as kernels need it for views.
 
-    top (rows, columns) m and frame (3,): as ElevationMap. floor (rows, columns) m, origin (2,) m, spacing m: the ground.
+    elevation: ElevationMap.packed. top (rows, columns) m and frame (3,): of it. floor (rows, columns) m, origin (2,) m, spacing m: the ground.
     landmarks: nodes (n, 2) m of the roadmap, and the information (n, 3, 3) about x, y, yaw that a decision at each of them gives.
     """
 
+    elevation: tuple[Array, Array, Array]
     top: Array
     frame: Array
     floor: Array
@@ -126,7 +127,7 @@ class PlacementMap:
         """The map as kernels need it for views."""
         floor = self.floor
         landmarks = self.roadmap.nodes, landmark_information(self)
-        return ViewScene(self.elevation.top, self.elevation.frame, floor.heights, floor.origin, floor.spacing, landmarks)
+        return ViewScene(self.elevation.packed, self.elevation.top, self.elevation.frame, floor.heights, floor.origin, floor.spacing, landmarks)
 
     def surface_points(self, count: int, rng: np.random.Generator) -> Array:
         """Up to `count` random surface points (n, 3) m: first hits of rays from camera positions with the ground or objects."""

@@ -15,10 +15,11 @@ from sim.crowd.crowd import CrowdState
 from sim.crowd.social_force import interactions
 from sim.crowd.steering import SteeringGrid, advance, desired_motion
 from sim.placement import kinematics
-from sim.placement.config import SPEED, STEPS_PER_FRAME, YAW, PlacementConfig, X, Y
+from sim.placement.config import DRIVING_STEPS, SPEED, YAW, PlacementConfig, X, Y
 from sim.placement.kinematics import CONTACT_DISTANCE, NEAR_MISS_DISTANCE, drive_step, near_misses
 from sim.placement.map import CACHED_MAPS, PlacementMap
 from sim.placement.roadmap import steer
+from sim.placement.states import NEAR_MISSES, States
 from sim.robots.driving import ACCELERATION, YAW_ACCELERATION, DriveState, Motion, Route, Traffic
 from sim.robots.rover import FOOTPRINT_RADIUS, HALF_WIDTH
 from sim.scenario import Scenario
@@ -34,7 +35,7 @@ STOPPED_SPEED = 0.05
 
 
 class Order(NamedTuple):
-    """What robots shall do in a decision: velocity (r, 2) m/s, rad/s, or goals (r,), nodes of the roadmap; (0,) for none."""
+    """What robots of n episodes shall do: velocity (n, r, 2) m/s, rad/s, or goals (n, r), nodes of the roadmap; (n, 0) for none."""
 
     velocity: Array
     goals: NDArray[np.int64]
@@ -55,33 +56,33 @@ class Ways(NamedTuple):
 
 @dataclass(eq=False)
 class KinematicMover:
-    """Rovers by unicycle kinematics, among people who walk around them.
-
-    team (r, 7): rover states, in the columns of config.py. body (p, 10): people, in the columns of social_force.py. time, dt: s.
-    """
+    """Rovers by unicycle kinematics, among people who walk around them: those of row `row` of states, which advance changes. dt: of a frame, s."""
 
     place: PlacementMap
-    team: Array
-    body: Array
-    time: float
+    states: States
+    row: int
     dt: float
 
     @staticmethod
     def begin(config: PlacementConfig, place: PlacementMap, starts: Array, crowd: CrowdState) -> KinematicMover:
-        team = np.zeros((len(starts), 7))
-        team[:, [X, Y, YAW]] = starts
-        return KinematicMover(place, team, crowd.body.copy(), crowd.time, config.frame_period / STEPS_PER_FRAME)
+        states = States.begun(config, 1, crowd.body.shape[1])
+        states.team[0, :, [X, Y, YAW]] = starts.T
+        states.body[0] = crowd.body
+        return KinematicMover(place, states, 0, config.frame_period)
+
+    @property
+    def team(self) -> Array:
+        """States of the rovers (r, 7), in the columns of config.py."""
+        return self.states.team[self.row]
 
     @property
     def crowd(self) -> CrowdState:
         """The people."""
-        return CrowdState(self.body, self.time, len(self.body))
+        return CrowdState(self.states.body[self.row], float(self.states.time[self.row]), len(self.states.body[self.row]))
 
-    def advance(self, order: Order, frames: int) -> tuple[NDArray[np.int64], int]:
-        """Advance by some frames. Returns what stopped each robot (r,), as kinematics.drive does, and the most near misses in a frame."""
-        self.team, self.body, stopped, near = _advance(self.team, self.body, order, ways_of(self.place), (self.time, self.dt, frames))
-        self.time += frames * STEPS_PER_FRAME * self.dt
-        return stopped, near
+    def advance(self, order: Order) -> None:
+        """Advance by a frame."""
+        advance_rows(np.array([self.row]), self.states, order, ways_of(self.place), (self.dt, 1))
 
     def poses(self) -> list[Pose]:
         """T_world_robot of all robots."""
@@ -104,28 +105,35 @@ def ways_of(place: PlacementMap) -> Ways:
 
 
 @njit(cache=True, nogil=True)
-def _advance(team, body, order, ways, times):  # type: ignore[no-untyped-def]
-    """Team (r, 7) and bodies (p, 10) after some frames, what stopped each robot (r,), and the most near misses in a frame."""
-    time, dt, frames = times
-    stopped, command, obstacle, most = np.zeros(len(team), np.int64), order.velocity, np.zeros((len(team), 7)), 0
+def advance_rows(rows, states, order, ways, times):  # type: ignore[no-untyped-def]
+    """Advance the episodes `rows` (n,) of one map, in place. order: of each. times: of a frame, s, and number of frames."""
+    for n in range(len(rows)):
+        _advance(rows[n], states, Order(order.velocity[n], order.goals[n]), ways, times)
+
+
+@njit(cache=True)
+def _advance(row, states, order, ways, times):  # type: ignore[no-untyped-def]
+    (dt, frames), team, body = times, states.team[row], states.body[row]
+    command, obstacle = order.velocity, np.zeros((len(team), 7))
     obstacle[:, 4] = FOOTPRINT_RADIUS
     for _ in range(frames):
         if len(order.goals):
             command = steer(team, order.goals, body[:, :2], ways.graph, ways.space)
-        for step in range(STEPS_PER_FRAME):
-            if len(body):
-                for r in range(len(team)):
-                    c, s = math.cos(team[r, YAW]) * team[r, SPEED], math.sin(team[r, YAW]) * team[r, SPEED]
-                    obstacle[r, 0], obstacle[r, 1], obstacle[r, 2], obstacle[r, 3] = team[r, X], team[r, Y], c, s
-                desired, _ = desired_motion(body, ways.grid, ways.groups)
-                effect, pairs = interactions(body, desired, obstacle)
-                body = advance(body, desired, (effect, pairs), obstacle, ways.grid, dt)
-                update_behavior(body, (desired, effect, obstacle), ways.grid.goals, ways.behavior, StepInput(time + step * dt, dt, len(body), 0))
-            team, now = drive_step(team, command, body[:, :2], ways.space, (ACCELERATION * dt, YAW_ACCELERATION * dt, dt))
-            stopped = np.maximum(stopped, now)
-        time += STEPS_PER_FRAME * dt
-        most = max(most, near_misses(team, body[:, :2]))
-    return team, body, stopped, most
+        if len(body):
+            for r in range(len(team)):
+                c, s = math.cos(team[r, YAW]) * team[r, SPEED], math.sin(team[r, YAW]) * team[r, SPEED]
+                obstacle[r, 0], obstacle[r, 1], obstacle[r, 2], obstacle[r, 3] = team[r, X], team[r, Y], c, s
+            desired, _ = desired_motion(body, ways.grid, ways.groups)
+            effect, pairs = interactions(body, desired, obstacle)
+            body = advance(body, desired, (effect, pairs), obstacle, ways.grid, dt)
+            update_behavior(body, (desired, effect, obstacle), ways.grid.goals, ways.behavior, StepInput(states.time[row], dt, len(body), 0))
+        states.time[row] += dt
+        for _ in range(DRIVING_STEPS):
+            part = dt / DRIVING_STEPS
+            team, now = drive_step(team, command, body[:, :2], ways.space, (ACCELERATION * part, YAW_ACCELERATION * part, part))
+            states.stopped[row] = np.maximum(states.stopped[row], now)
+        states.terms[row, NEAR_MISSES] = max(states.terms[row, NEAR_MISSES], near_misses(team, body[:, :2]))
+    states.team[row], states.body[row] = team, body
 
 
 @dataclass
@@ -150,8 +158,14 @@ class PhysicsMover:
 
     def __init__(self, config: PlacementConfig, place: PlacementMap, starts: Array, crowd: CrowdState) -> None:
         self.config, self.place, self._initial = config, place, (starts, crowd)
+        self.states, self.row = States.begun(config, 1, crowd.body.shape[1]), 0
         self._simulate()
-        self.team = np.column_stack([self.simulation.motions(), np.zeros((config.robots, 2))])
+        self.states.team[0, :, :5], self.states.body[0] = self.simulation.motions(), crowd.body
+
+    @property
+    def team(self) -> Array:
+        """As KinematicMover.team."""
+        return self.states.team[self.row]
 
     def _simulate(self) -> None:
         config, key = self.config, self.place.key
@@ -172,33 +186,21 @@ class PhysicsMover:
     def crowd(self) -> CrowdState:
         return self.simulation.crowd_state
 
-    @property
-    def body(self) -> Array:
-        """People (p, 10), in the columns of social_force.py."""
-        return self.crowd.body.copy()
-
-    def advance(self, order: Order, frames: int) -> tuple[NDArray[np.int64], int]:
+    def advance(self, order: Order) -> None:
         """As KinematicMover.advance."""
-        stopped, most = np.zeros(len(self.team), dtype=np.int64), 0
-        for _ in range(frames):
-            command = order.velocity
-            if len(order.goals):
-                ways = ways_of(self.place)
-                command = steer(self.team, order.goals, self.crowd.position, ways.graph, ways.space)
-            stopped = np.maximum(stopped, self._advance(command))
-            most = max(most, near_misses(self.team, self.crowd.position))
-        return stopped, most
-
-    def _advance(self, command: Array) -> NDArray[np.int64]:
-        """Advance by one frame with command (r, 2) m/s, rad/s. Returns what stopped each rover (r,)."""
+        states, row, command, before = self.states, self.row, order.velocity[0], self.team.copy()
+        if order.goals.size:
+            ways = ways_of(self.place)
+            command = steer(before, order.goals[0], self.crowd.position, ways.graph, ways.space)
         for driver, (speed, yaw_rate) in zip(self._velocity_drivers, command, strict=True):
             driver.speed, driver.yaw_rate = float(speed), float(yaw_rate)
         self.simulation.step()
         now = self.simulation.motions()
-        distance = np.hypot(*(now[:, :2] - self.team[:, :2]).T)
-        turned = np.abs(now[:, 4]) * self.config.frame_period
-        self.team = np.column_stack([now, self.team[:, 5] + distance, self.team[:, 6] + turned])
-        return self._stopped(command)
+        states.team[row, :, :5], states.body[row] = now, self.crowd.body
+        states.team[row, :, 5] += np.hypot(*(now[:, :2] - before[:, :2]).T)
+        states.team[row, :, 6] += np.abs(now[:, 4]) * self.config.frame_period
+        states.stopped[row] = np.maximum(states.stopped[row], self._stopped(command))
+        states.terms[row, NEAR_MISSES] = max(states.terms[row, NEAR_MISSES], near_misses(self.team, self.crowd.position))
 
     def _stopped(self, command: Array) -> NDArray[np.int64]:
         """What stopped each rover (r,): 1 near a person, 2 near another rover, 3 elsewhere; 0 for rovers that move or have no command."""
@@ -220,11 +222,11 @@ class PhysicsMover:
         return [found[name] for name in self.simulation.robots] if found else None
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"configuration": (self.config, self.place, self._initial), "team": self.team, "snapshot": self.simulation.save()}
+        return {"configuration": (self.config, self.place, self._initial), "states": (self.states, self.row), "snapshot": self.simulation.save()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.config, self.place, self._initial = state["configuration"]
-        self.team = state["team"]
+        self.states, self.row = state["states"]
         self._simulate()
         snapshot: Snapshot = state["snapshot"]
         self.simulation.restore(snapshot)

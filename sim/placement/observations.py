@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from gymnasium import spaces
 
@@ -49,49 +51,71 @@ def shapes_of(config: PlacementConfig) -> dict[str, tuple[int, ...]]:
     return {"robots": (r, ROBOT_FEATURES), "seen": (r, slots, SEEN_FEATURES), "map": (r, 2, n, n), "beliefs": (config.max_tracks, BELIEF_FEATURES)}
 
 
-def observe(episode: Episode) -> Observation:
-    """All arrays of the observation except panoramas."""
-    config, place, now = episode.config, episode.place, episode.now
-    shapes = shapes_of(config)
-    out = {name: np.zeros(shape, np.float32) for name, shape in shapes.items()}
-    if episode.tracking is None:
-        state = episode.beliefs.known, episode.beliefs.mean, episode.beliefs.covariance, episode.time_unseen
-        _observe((now.team, now.people, now.seen), state, (place.scene, place.extent), (config.cells, config.cell, config.reach), tuple(out.values()))
-    else:
-        poses = episode.tracking.planar_poses()
-        team = np.column_stack([poses, now.team[:, 3:]])
-        robot_rows(team, place.extent, out["robots"])
-        out["seen"][:], out["beliefs"][:] = episode.tracking.detection_rows(), _beliefs(episode)
-        map_rows(team, place.scene, (config.cells, config.cell), out["map"])
-    return {name: np.clip(array, -1.0, 1.0, out=array) for name, array in out.items() if array.size}
+def empty(config: PlacementConfig, count: int) -> Observation:
+    """The arrays, but panoramas, of the observations of `count` episodes, each with a row more in front than in `space_of`."""
+    return {name: np.zeros((count, *shape), np.float32) for name, shape in shapes_of(config).items()}
+
+
+def observe(episodes: Sequence[Episode], out: Observation) -> None:
+    """Fill the rows of `empty` arrays that belong to episodes of one map, rows of the same states."""
+    first = episodes[0]
+    config, place = first.config, first.place
+    size = config.cells, config.cell, config.reach
+    if first.tracking is None:
+        rows = np.array([episode.row for episode in episodes], dtype=np.int64)
+        _observe(rows, first.states, (place.scene, place.extent), size, tuple(out.values()))
+        return
+    for episode in episodes:
+        assert episode.tracking is not None
+        team, row = np.column_stack([episode.tracking.planar_poses(), episode.now.team[:, 3:]]), episode.row
+        robot_rows(team, place.extent, out["robots"][row])
+        out["seen"][row], out["beliefs"][row] = episode.tracking.detection_rows(), _beliefs(episode)
+        map_rows(team, place.scene, size[:2], out["map"][row])
+
+
+def bounded(found: Observation) -> Observation:
+    """The arrays that have numbers, each clipped to [−1, 1] in place."""
+    return {name: np.clip(array, -1.0, 1.0, out=array) for name, array in found.items() if array.size}
 
 
 @njit(cache=True, nogil=True)
-def _observe(situation, state, where, size, out):  # type: ignore[no-untyped-def]
-    """Fill the arrays of the observation: robots, seen, map, beliefs.
+def _observe(rows, states, where, size, out):  # type: ignore[no-untyped-def]
+    """Fill rows (n,) of the arrays of observations: robots, seen, map, beliefs.
 
-    situation: team (r, 7), people (p, 4), seen (r, p). state: known (p,), mean (p, 4), covariance (p, 4, 4), time unseen (p,).
     where: scene and extent (2, 2) m. size: cells, m of a cell, reach m.
     """
-    (team, people, share), (known, mean, P, age), (scene, extent) = situation, state, where
     robots, seen, maps, beliefs = out
-    robot_rows(team, extent, robots)
+    for n in rows:
+        robot_rows(states.team[n], where[1], robots[n])
+        _seen_rows(states.team[n], states.people[n], states.seen[n], size[2], seen[n])
+        map_rows(states.team[n], where[0], size[:2], maps[n])
+        _belief_rows(states, n, where[1], beliefs[n])
+
+
+@njit(cache=True)
+def _seen_rows(team, people, share, reach, out):  # type: ignore[no-untyped-def]
+    """Fill the rows (r, p, 5) of people (p, 4) whose bodies are seen by share (r, p), as in `space_of`."""
     for r in range(len(team)):
         for p in range(len(people)):
             if share[r, p] > 0:
                 dx, dy = people[p, 0] - team[r, X], people[p, 1] - team[r, Y]
                 azimuth = np.arctan2(dy, dx) - team[r, YAW]
-                seen[r, p, 0], seen[r, p, 1], seen[r, p, 2] = 1.0, np.cos(azimuth), np.sin(azimuth)
-                seen[r, p, 3], seen[r, p, 4] = np.sqrt(dx * dx + dy * dy) / size[2], share[r, p]
-    map_rows(team, scene, size[:2], maps)
+                out[r, p, 0], out[r, p, 1], out[r, p, 2] = 1.0, np.cos(azimuth), np.sin(azimuth)
+                out[r, p, 3], out[r, p, 4] = np.sqrt(dx * dx + dy * dy) / reach, share[r, p]
+
+
+@njit(cache=True)
+def _belief_rows(states, n, extent, out):  # type: ignore[no-untyped-def]
+    """Fill the rows (p, 9) of beliefs of episode n, as in `space_of`."""
+    known, mean, P = states.known[n], states.mean[n], states.covariance[n]
     for p in range(len(known)):
         if known[p] > 0:
             sx, sy = np.sqrt(max(P[p, 0, 0], 1e-9)), np.sqrt(max(P[p, 1, 1], 1e-9))
-            beliefs[p, 0], beliefs[p, 8] = 1.0, age[p] / 30.0
+            out[p, 0], out[p, 8] = 1.0, states.time_unseen[n, p] / 30.0
             for k in range(2):
-                beliefs[p, 1 + k] = 2.0 * (mean[p, k] - extent[0, k]) / (extent[1, k] - extent[0, k]) - 1.0
-                beliefs[p, 3 + k] = mean[p, 2 + k] / SPEED_SCALE
-            beliefs[p, 5], beliefs[p, 6], beliefs[p, 7] = sx / SIGMA_SCALE, sy / SIGMA_SCALE, P[p, 0, 1] / (sx * sy)
+                out[p, 1 + k] = 2.0 * (mean[p, k] - extent[0, k]) / (extent[1, k] - extent[0, k]) - 1.0
+                out[p, 3 + k] = mean[p, 2 + k] / SPEED_SCALE
+            out[p, 5], out[p, 6], out[p, 7] = sx / SIGMA_SCALE, sy / SIGMA_SCALE, P[p, 0, 1] / (sx * sy)
 
 
 @njit(cache=True, nogil=True)

@@ -76,7 +76,26 @@ class Roadmap:
 
 def nearest(points: Array, nodes: Array) -> NDArray[np.int64]:
     """The nearest (k,) of nodes (n, 2) m to each of points (k, 2) m."""
-    return np.asarray(((points[:, None] - nodes) ** 2).sum(axis=2).argmin(axis=1), dtype=np.int64)
+    return np.asarray(_nearest(np.asarray(points, dtype=np.float64), nodes))
+
+
+@njit(cache=True)
+def nearest_node(nodes, x, y):  # type: ignore[no-untyped-def]
+    """The nearest of nodes (n, 2) m to (x, y) m, and the square of its distance, m²."""
+    start, least = 0, np.inf
+    for n in range(len(nodes)):
+        square = (x - nodes[n, 0]) ** 2 + (y - nodes[n, 1]) ** 2
+        if square < least:
+            start, least = n, square
+    return start, least
+
+
+@njit(cache=True)
+def _nearest(points, nodes):  # type: ignore[no-untyped-def]
+    out = np.empty(len(points), np.int64)
+    for k in range(len(points)):
+        out[k] = nearest_node(nodes, points[k, 0], points[k, 1])[0]
+    return out
 
 
 def _nodes(space: FreeSpace, spacing: float) -> tuple[Array, NDArray[np.int64]]:
@@ -146,11 +165,7 @@ def steer(team, goals, people, graph, space):  # type: ignore[no-untyped-def]
 def _target(x, y, goal, graph, space):  # type: ignore[no-untyped-def]
     """The target of a robot at (x, y) m: the farthest node of the path to `goal` that it reaches straight, up to LOOKAHEAD."""
     nodes, next_node = graph
-    start, least = 0, 1e30
-    for n in range(len(nodes)):
-        square = (x - nodes[n, 0]) ** 2 + (y - nodes[n, 1]) ** 2
-        if square < least:
-            start, least = n, square
+    start, least = nearest_node(nodes, x, y)
     target, node = start, start
     if start == goal and least < REACHED_DISTANCE * REACHED_DISTANCE:
         return nodes[start, 0], nodes[start, 1]

@@ -2,24 +2,28 @@
 
     envs = gymnasium.make_vec("pilsim/Placement-v0", num_envs=64, vectorization_mode="vector_entry_point", robots=4, people=20)
 
-All environments live in this process, share maps, and step in threads: their compiled parts need no lock of the interpreter.
-Each is a Placement, so that the same seed gives the same episode as in every other mode of make_vec. The number of threads changes nothing.
+Kinematic environments that observe states share arrays and maps: one compiled call advances the environments of a map, and threads share
+these calls. Others step one by one. Each is a Placement, so that the same seed gives the same episode as in every other mode of make_vec.
+The number of threads changes nothing.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import batch_space
+from gymnasium.vector.utils import batch_space, create_empty_array
 
+from sim.crowd.crowd import COLUMNS
 from sim.parallel.pool import usable_cores
 from sim.placement.config import DECISION_RATE
 from sim.placement.env import Placement, checked_action
-from sim.placement.observations import Observation
+from sim.placement.episode import GOSPA, Episode, decide, reward_of, weighted
+from sim.placement.observations import Observation, bounded, empty, observe
+from sim.placement.states import TERMS, States
 from tracker.geometry import Array
 
 
@@ -48,35 +52,34 @@ class PlacementVector(VectorEnv[Observation, Array, Array]):
         self.observation_space, self.action_space = batch_space(first.observation_space, num_envs), batch_space(first.action_space, num_envs)
         self.steps: np.ndarray = np.zeros(num_envs, dtype=np.int64)
         self._ended = np.zeros(num_envs, dtype=bool)
+        together = first.config.observation == "state" and first.config.drive == "kinematic"
+        self._states = States.begun(first.config, num_envs, COLUMNS) if together else None
         # Panoramas are drawn by OpenGL, which belongs to one thread.
-        count = 1 if first.config.observation == "pixels" else min(threads or usable_cores(), num_envs)
-        self._groups = np.array_split(np.arange(num_envs), count)
-        self._threads = ThreadPoolExecutor(count) if count > 1 else None
+        self._count = 1 if first.config.observation == "pixels" else min(threads or usable_cores(), num_envs)
+        self._threads = ThreadPoolExecutor(self._count) if self._count > 1 else None
 
     def reset(self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
         """Begin an episode everywhere, with seeds seed, seed + 1, …, or one of a list each. options: as of Placement.reset."""
         seeds = [None] * self.num_envs if seed is None else [seed + k for k in range(self.num_envs)] if isinstance(seed, int) else list(seed)
         if len(seeds) != self.num_envs:
             raise ValueError(f"seed has {len(seeds)} numbers, needs {self.num_envs}")
-        found = [env.reset(seed=one, options=options) for env, one in zip(self.envs, seeds, strict=True)]
+        begun = {k: self._begin(k, one, options) for k, one in enumerate(seeds)}
         self.steps[:], self._ended[:] = 0, False
-        return self._stacked([observation for observation, _ in found]), self._infos([info for _, info in found])
+        observation: Any = create_empty_array(self.single_observation_space, self.num_envs, np.zeros)
+        return observation, self._infos({}, begun, observation)
 
     def step(self, actions: Array) -> tuple[Observation, Array, np.ndarray, np.ndarray, dict[str, Any]]:
         """Advance all by one decision, with actions (num_envs, robots, 2). Raises as Placement.step does."""
-        rows = checked_action(actions, (self.num_envs, self.config.robots, 2))
-
-        def work(group: np.ndarray) -> list[Any]:
-            return [self._step(k, rows[k]) for k in group.tolist()]
-
-        parts = map(work, self._groups) if self._threads is None else self._threads.map(work, self._groups)
-        found = [one for part in parts for one in part]
+        rows, kept = checked_action(actions, (self.num_envs, self.config.robots, 2)), np.flatnonzero(~self._ended).tolist()
+        for k in kept:
+            if self.envs[k].episode is None:
+                self.envs[k].step(rows[k])
+        begun = {k: self._begin(k, None, None) for k in np.flatnonzero(self._ended).tolist()}
+        observation, reward, terminated, terms = (self._step_each if self._states is None else self._step_together)(kept, rows)
         self.steps = np.where(self._ended, 0, self.steps + 1)
-        terminated = np.array([one[2] for one in found])
         truncated = ~self._ended & (self.steps >= (self.max_episode_steps or np.inf))
         self._ended = terminated | truncated
-        reward = np.array([one[1] for one in found])
-        return self._stacked([one[0] for one in found]), reward, terminated, truncated, self._infos([one[4] for one in found])
+        return observation, reward, terminated, truncated, self._infos(terms if kept else {}, begun, observation)
 
     def render(self) -> Any:
         """The picture of each environment, as of Placement.render."""
@@ -89,21 +92,66 @@ class PlacementVector(VectorEnv[Observation, Array, Array]):
         for env in self.envs:
             env.close()
 
-    def _step(self, k: int, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        if not self._ended[k]:
-            return self.envs[k].decide(action) if self.envs[k].episode is not None else self.envs[k].step(action)
-        observation, info = self.envs[k].reset()
-        return observation, 0.0, False, False, info
+    def _begin(self, k: int, seed: int | None, options: dict[str, Any] | None) -> tuple[Observation, dict[str, Any]]:
+        found, env = self.envs[k].reset(seed=seed, options=options), self.envs[k]
+        if self._states is not None and env.episode is not None:
+            env.episode.move_to(self._states, k)
+        return found
 
-    def _stacked(self, observations: list[Observation]) -> Observation:
-        return {name: np.stack([one[name] for one in observations]) for name in observations[0]}
+    def _step_together(self, kept: list[int], rows: Array) -> tuple[Observation, Array, np.ndarray, dict[str, Array]]:
+        """Advance the environments `kept` of shared arrays. Returns observations, rewards, who has terminated, and terms, with 0 for all others."""
+        assert self._states is not None
+        by_map: dict[int, list[Episode]] = {}
+        for k in kept:
+            episode = self.envs[k].episode
+            assert episode is not None
+            by_map.setdefault(id(episode.place), []).append(episode)
+        out = empty(self.config, self.num_envs)
 
-    def _infos(self, infos: list[dict[str, Any]]) -> dict[str, Any]:
-        """Arrays by name, and by _name whether an environment has it, as gymnasium's vector environments give them."""
-        if any(info.keys() != infos[0].keys() for info in infos):
-            out: dict[str, Any] = {}
-            for k, info in enumerate(infos):
-                out = self._add_info(out, info, k)
-            return out
-        values = {name: np.array([info[name] for info in infos]) for name in infos[0]}
-        return values | {f"_{name}": np.ones(self.num_envs, dtype=bool) for name in infos[0]}
+        def work(episodes: list[Episode]) -> None:
+            decide(episodes, rows[[episode.row for episode in episodes]])
+            observe(episodes, out)
+
+        self._each(work, [part for group in by_map.values() for n in range(self._count) if (part := group[n :: self._count])])
+        terms = {name: np.zeros(self.num_envs) for name in TERMS}
+        for column, values in enumerate(terms.values()):
+            values[kept] = self._states.terms[kept, column]
+        weights = self.envs[0].reward
+        if callable(weights) or GOSPA in weights:
+            terms[GOSPA] = np.zeros(self.num_envs)
+            for episode in (one for group in by_map.values() for one in group):
+                terms[GOSPA][episode.row] = episode.relative_gospa()
+        if not callable(weights):
+            return bounded(out), np.zeros(self.num_envs) + weighted(weights, terms), np.zeros(self.num_envs, dtype=bool), terms
+        reward = np.zeros(self.num_envs)
+        reward[kept] = [reward_of(weights, {name: float(values[k]) for name, values in terms.items()}) for k in kept]
+        return bounded(out), reward, np.zeros(self.num_envs, dtype=bool), terms
+
+    def _step_each(self, kept: list[int], rows: Array) -> tuple[Observation, Array, np.ndarray, dict[str, Array]]:
+        """As `_step_together`, for environments with arrays of their own."""
+        out: Any = create_empty_array(self.single_observation_space, self.num_envs, np.zeros)
+        terms: dict[str, Array] = {}
+        reward, terminated = np.zeros(self.num_envs), np.zeros(self.num_envs, dtype=bool)
+        for k, found in zip(kept, self._each(lambda k: self.envs[k].decide(rows[k]), kept), strict=True):
+            observation, reward[k], terminated[k], _, info = found
+            for name, array in observation.items():
+                out[name][k] = array
+            for name, value in info.items():
+                terms.setdefault(name, np.zeros(self.num_envs))[k] = value
+        return out, reward, terminated, terms
+
+    def _each(self, work: Callable[[Any], Any], items: list[Any]) -> list[Any]:
+        return list(map(work, items) if self._threads is None else self._threads.map(work, items))
+
+    def _infos(self, terms: dict[str, Array], begun: dict[int, Any], observation: Observation) -> dict[str, Any]:
+        """Arrays by name, and by _name whether an environment has it, as gymnasium's vector environments give them.
+
+        Observations of episodes that have begun are put into theirs.
+        """
+        seeds, new = np.zeros(self.num_envs, dtype=np.int64), np.zeros(self.num_envs, dtype=bool)
+        for k, (first, info) in begun.items():
+            seeds[k], new[k] = info["map_seed"], True
+            for name, array in first.items():
+                observation[name][k] = array
+        found = terms | {f"_{name}": ~new for name in terms}
+        return found | ({"map_seed": seeds, "_map_seed": new} if begun else {})

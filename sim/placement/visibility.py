@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
 
 from tracker.geometry import Array, frozen
 from tracker.geometry.compilation import njit
@@ -19,6 +21,10 @@ BODY_POINTS = np.array([(0.0, 0.94), (-0.17, 0.80), (0.17, 0.80), (0.0, 0.66), (
 """Points of a body: offset to the side as seen from the camera (m), and height over stature. They are head, shoulders, chest, hips and knees."""
 OCCLUDER_RADIUS = 0.2
 """Radius of the cylinder that stands for a person who occludes others, m."""
+BODY_HALF_WIDTH = 0.17
+"""Greatest offset of a body point to the side, m."""
+BLOCK = 8
+"""Columns along a side of a block. Most lines of sight pass high above all columns of their blocks, which is told faster."""
 BLIND_RADIUS = 0.3
 """Distance from its own mast within which a camera sees nothing, m."""
 
@@ -33,6 +39,15 @@ class ElevationMap:
     def __post_init__(self) -> None:
         object.__setattr__(self, "top", frozen(self.top, (None, None), "top"))
         object.__setattr__(self, "frame", frozen(self.frame, (3,), "frame"))
+
+    @cached_property
+    def packed(self) -> tuple[Array, Array, Array]:
+        """As kernels take it: top, frame, and the greatest tops of blocks of BLOCK × BLOCK columns, each with its surroundings as wide as a body."""
+        around = 2 * (math.ceil(BODY_HALF_WIDTH / self.frame[2]) + 1)
+        widest = maximum_filter(self.top, size=BLOCK + around, mode="nearest")
+        # A window of an even size around column c has its middle before c.
+        middle = [np.minimum(np.arange(0, count, BLOCK) + BLOCK // 2, count - 1) for count in self.top.shape]
+        return self.top, self.frame, np.ascontiguousarray(widest[np.ix_(*middle)])
 
 
 @dataclass(frozen=True)
@@ -50,7 +65,7 @@ def seen_share(elevation: ElevationMap, cameras: Array, people: Array, limits: V
     It is 0 for people beyond the limits.
     """
     cameras, people = np.ascontiguousarray(cameras, dtype=np.float64), np.ascontiguousarray(people, dtype=np.float64)
-    return share_kernel(elevation.top, elevation.frame, cameras, people, (limits.reach, limits.size, limits.share))
+    return share_kernel(elevation.packed, cameras, people, (limits.reach, limits.size, limits.share))
 
 
 def visible_points(elevation: ElevationMap, camera: Array, people: Array) -> NDArray[np.bool_]:
@@ -133,25 +148,67 @@ def _occluded_by_person(people: Array, person: int, camera: Array, goal: tuple[f
 
 
 @njit(cache=True)
-def _point_visible(top: Array, frame: Array, camera: Array, people: Array, which: tuple[int, int]) -> bool:
-    """Whether a camera (3,) m sees point k of person p. which: p, k."""
-    p, k = which
-    x, y, z, stature = people[p]
-    ax, ay = x - camera[0], y - camera[1]
-    distance = math.sqrt(ax * ax + ay * ay)
-    if distance < BLIND_RADIUS:
-        return False
-    aside = BODY_POINTS[k, 0] / distance
-    goal = (x - aside * ay, y + aside * ax, z + BODY_POINTS[k, 1] * stature)
-    return not _occluded_by_person(people, p, camera, goal) and _line_of_sight(top, frame, (camera[0], camera[1], camera[2]), goal, 1.0)
+def _body_point(camera: Array, person: Array, k: int) -> tuple[float, float, float]:
+    """Point k of the body of a person (4,), as a camera (3,) m faces it, m."""
+    ax, ay = person[0] - camera[0], person[1] - camera[1]
+    aside = BODY_POINTS[k, 0] / math.sqrt(ax * ax + ay * ay)
+    return person[0] - aside * ay, person[1] + aside * ax, person[2] + BODY_POINTS[k, 1] * person[3]
 
 
 @njit(cache=True)
-def _body_share(top: Array, frame: Array, camera: Array, people: Array, p: int) -> float:
+def _above_all(elevation, camera: Array, person: Array) -> bool:  # type: ignore[no-untyped-def]
+    """Whether all lines of sight to the body of a person (4,) pass above every column of the blocks below. False may be wrong."""
+    _, frame, greatest = elevation
+    side = frame[2] * BLOCK
+    x, y = (camera[0] - frame[0]) / side + 0.5 / BLOCK, (camera[1] - frame[1]) / side + 0.5 / BLOCK
+    dx, dy, dz = (person[0] - camera[0]) / side, (person[1] - camera[1]) / side, person[2] + BODY_POINTS[-1, 1] * person[3] - camera[2]
+    j, i = math.floor(x), math.floor(y)
+    step_j, step_i = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
+    over_x, over_y = 1.0 / max(abs(dx), 1e-12), 1.0 / max(abs(dy), 1e-12)
+    next_x = ((j + 1 - x) if dx > 0 else (x - j)) * over_x
+    next_y = ((i + 1 - y) if dy > 0 else (y - i)) * over_y
+    t = 0.0
+    while t < 1.0:
+        end = min(next_x, next_y, 1.0)
+        inside = 0 <= i < greatest.shape[0] and 0 <= j < greatest.shape[1]
+        if inside and camera[2] + min(t * dz, end * dz) <= greatest[i, j]:
+            return False
+        t = end
+        if next_x < next_y:
+            next_x += over_x
+            j += step_j
+        else:
+            next_y += over_y
+            i += step_i
+    return True
+
+
+@njit(cache=True)
+def _between(people: Array, person: int, camera: Array) -> bool:
+    """Whether another person stands so near to the line to this one that a part of the body may be hidden."""
+    dx, dy = people[person, 0] - camera[0], people[person, 1] - camera[1]
+    square = max(dx * dx + dy * dy, 1e-12)
+    for q in range(len(people)):
+        ox, oy = people[q, 0] - camera[0], people[q, 1] - camera[1]
+        t = min(max((ox * dx + oy * dy) / square, 0.0), 1.0)
+        if q != person and (ox - t * dx) ** 2 + (oy - t * dy) ** 2 < (OCCLUDER_RADIUS + BODY_HALF_WIDTH + 0.01) ** 2:
+            return True
+    return False
+
+
+@njit(cache=True)
+def _body_share(elevation, camera: Array, people: Array, p: int) -> float:  # type: ignore[no-untyped-def]
     """The share of the points of person p that a camera (3,) m sees."""
-    count = 0
+    if math.sqrt((people[p, 0] - camera[0]) ** 2 + (people[p, 1] - camera[1]) ** 2) < BLIND_RADIUS:
+        return 0.0
+    clear, crowded, count = _above_all(elevation, camera, people[p]), _between(people, p, camera), 0
+    if clear and not crowded:
+        return 1.0
     for k in range(len(BODY_POINTS)):
-        if _point_visible(top, frame, camera, people, (p, k)):
+        goal = _body_point(camera, people[p], k)
+        if crowded and _occluded_by_person(people, p, camera, goal):
+            continue
+        if clear or _line_of_sight(elevation[0], elevation[1], (camera[0], camera[1], camera[2]), goal, 1.0):
             count += 1
     return count / len(BODY_POINTS)
 
@@ -160,20 +217,24 @@ def _body_share(top: Array, frame: Array, camera: Array, people: Array, p: int) 
 def _visible_points(top: Array, frame: Array, camera: Array, people: Array) -> NDArray[np.bool_]:
     out = np.zeros((len(people), len(BODY_POINTS)), np.bool_)
     for p in range(len(people)):
+        if math.sqrt((people[p, 0] - camera[0]) ** 2 + (people[p, 1] - camera[1]) ** 2) < BLIND_RADIUS:
+            continue
         for k in range(len(BODY_POINTS)):
-            out[p, k] = _point_visible(top, frame, camera, people, (p, k))
+            goal = _body_point(camera, people[p], k)
+            hidden = _occluded_by_person(people, p, camera, goal)
+            out[p, k] = not hidden and _line_of_sight(top, frame, (camera[0], camera[1], camera[2]), goal, 1.0)
     return out
 
 
 @njit(cache=True)
-def share_kernel(top: Array, frame: Array, cameras: Array, people: Array, limits: tuple[float, float, float]) -> Array:
-    """`seen_share` over an elevation map. limits: reach m, least apparent height rad, least share."""
+def share_kernel(elevation, cameras: Array, people: Array, limits: tuple[float, float, float]) -> Array:  # type: ignore[no-untyped-def]
+    """`seen_share`. elevation: ElevationMap.packed. limits: reach m, least apparent height rad, least share."""
     out = np.zeros((len(cameras), len(people)))
     for r in range(len(cameras)):
         for p in range(len(people)):
             distance = math.sqrt((people[p, 0] - cameras[r, 0]) ** 2 + (people[p, 1] - cameras[r, 1]) ** 2 + 1e-12)
             if distance > limits[0] or math.atan(people[p, 3] / distance) < limits[1]:
                 continue
-            share = _body_share(top, frame, cameras[r], people, p)
+            share = _body_share(elevation, cameras[r], people, p)
             out[r, p] = share if share >= limits[2] else 0.0
     return out

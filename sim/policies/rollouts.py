@@ -16,7 +16,8 @@ import numpy as np
 from sim.confidence_intervals import Interval, bounds_of, difference_bounds_of, mean_interval, paired
 from sim.parallel.pool import Pool
 from sim.placement.config import SEEDS_PER_MAP, TRAVELLED
-from sim.placement.episode import TERMS, Episode
+from sim.placement.episode import Episode
+from sim.placement.states import TERMS
 from sim.policies.baselines import Lloyd, Random, Static
 from sim.policies.planning import Greedy, Predictive
 from sim.policies.policy import Policy, TeamKnowledge

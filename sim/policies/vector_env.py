@@ -106,7 +106,7 @@ def difference_rewards(episode: Episode, reward: Reward, terms: Mapping[str, flo
     for k in range(robots):
         others = views - seen[k]
         without = {
-            "information": terms["information"] - episode.added[k],
+            "information": terms["information"] - float(episode.states.added[episode.row, k]),
             "seen": float((others >= 1).sum() / people),
             "seen_twice": float((others >= 2).sum() / people),
             "collisions": terms["collisions"] - float(episode.now.stopped[k] > 0),

@@ -12,7 +12,8 @@ import pytest
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
-from sim.placement.episode import TERMS, WEIGHTS
+from sim.placement.episode import WEIGHTS
+from sim.placement.states import TERMS
 from worlds import catalogue
 
 NAME = "pilsim/Placement-v0"

@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim.placement.beliefs import Beliefs
 from sim.placement.episode import gospa
 from sim.placement.information import Views, detector_of
 from sim.placement.map import MapKey, map_of
-from sim.placement.visibility import ElevationMap, VisibilityLimits, line_of_sight, seen_share
+from sim.placement.states import Beliefs
+from sim.placement.visibility import ElevationMap, VisibilityLimits, line_of_sight, seen_share, visible_points
 from tracker.detector_models.independent import IndependentErrors
 
 FLAT = ElevationMap(np.zeros((41, 41)), np.array([-10.0, -10.0, 0.5]))
@@ -47,6 +47,18 @@ def test_people_occlude_people():
     share = seen_share(FLAT, CAMERA, behind, UNLIMITED)[0]
     assert share[0] == share[2] == 1.0
     assert share[1] <= 2 / 8
+
+
+def test_shares_are_those_of_all_lines_of_sight():
+    """Rough ground, walls and a crowd: what blocks of columns and free ways to the middle of a body tell is what each line would."""
+    rng = np.random.default_rng(0)
+    top = 0.6 * rng.random((61, 83)) + 2.5 * (rng.random((61, 83)) < 0.02)
+    elevation = ElevationMap(top, np.array([-4.0, -3.0, 0.15]))
+    people = np.column_stack([rng.uniform((-4.5, -3.5), (8.5, 6.5), (60, 2)), rng.uniform(0.0, 0.8, 60), rng.uniform(1.5, 2.0, 60)])
+    cameras = np.column_stack([rng.uniform((-4.5, -3.5), (8.5, 6.5), (20, 2)), rng.uniform(0.8, 2.6, 20)])
+    shares = seen_share(elevation, cameras, people, UNLIMITED)
+    np.testing.assert_array_equal(shares, [visible_points(elevation, camera, people).mean(axis=1) for camera in cameras])
+    assert 0.05 < (shares == 1.0).mean() < 0.9
 
 
 @pytest.mark.parametrize("world", ["pilsun", pytest.param("ruins", marks=pytest.mark.soak)])

@@ -54,8 +54,8 @@ def test_difference_rewards_are_what_only_one_robot_adds():
     episode = env.unwrapped.episode
     # Person 0 is seen by robots 0 and 1, person 1 by robot 0 alone, person 2 by all, person 3 by none.
     seen = np.array([[1.0, 1.0, 1.0, 0.0], [1.0, 0.0, 1.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
-    episode.now = replace(episode.now, seen=seen, stopped=np.array([0.0, 0.0, 1.0]))
-    episode.added = np.array([0.6, 0.2, 0.0])
+    episode.now.seen[:], episode.now.stopped[:] = seen, [0, 0, 1]
+    episode.states.added[episode.row] = [0.6, 0.2, 0.0]
     terms = {"information": 3.0, "seen": 0.75, "seen_twice": 0.5, "collisions": 1.0, "near_misses": 0.0, "energy": 0.6}
     reward = {"seen": 0.4, "seen_twice": 1.0, "collisions": -0.05, "energy": -1.0}
     np.testing.assert_allclose(difference_rewards(episode, reward, terms), [0.25 + 0.1 - 0.2, 0.25 - 0.2, -0.05 - 0.2])

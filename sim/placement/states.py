@@ -1,5 +1,7 @@
-"""Kalman filters of people whose identities are known: one filter of planar position and velocity per person, compiled.
+"""The state of many episodes between decisions, as arrays that compiled kernels change in place. Row n is episode n.
 
+A single environment has one row. Environments of a batch share the arrays, so that one call of a kernel advances all that have the same map.
+Beliefs are Kalman filters of people whose identities are known: one filter of planar position and velocity per person.
 Detections are drawn with the probabilities of the detector, and have its errors (information.py).
 Motion model: constant velocity (Bar-Shalom, Li and Kirubarajan 2001, section 6.3.2).
 """
@@ -8,12 +10,96 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sim.placement.information import ACCELERATION_DENSITY, LOST_SIGMA, VELOCITY_SIGMA, Views, detection_probability, sight, view_covariance
+from sim.placement.config import PlacementConfig
+from sim.placement.information import (
+    ACCELERATION_DENSITY,
+    LOST_SIGMA,
+    VELOCITY_SIGMA,
+    Views,
+    detection_probability,
+    sight,
+    started_robots,
+    unknown_people,
+    view_covariance,
+)
 from tracker.geometry import Array, frozen
 from tracker.geometry.compilation import njit
+from worlds.terrain.heightfield import Mask
+
+TRAIL_LENGTH = 60
+"""Number of decisions that a trail covers."""
+TERMS: dict[str, str] = {
+    "information": "expected information about the place of a person, nats: ½ log det of an unknown place over the bound, the mean over people",
+    "seen": "share of people whom at least one robot sees, in [0, 1]",
+    "seen_twice": "share of people whom at least two robots see, in [0, 1]",
+    "collisions": "robots stopped by a person, by another robot or by the ground in this decision",
+    "near_misses": "people within 0.98 m of a moving robot",
+    "tip_overs": "robots that tipped over in this decision",
+    "energy": "energy spent by all robots, kJ",
+}
+"""Every term of the reward and its meaning."""
+INFORMATION, SEEN, SEEN_TWICE, COLLISIONS, NEAR_MISSES, TIP_OVERS, ENERGY = range(7)
+"""Columns of the terms, in the order of TERMS."""
+
+
+class States(NamedTuple):
+    """n episodes of r robots among p people.
+
+    team, before (n, r, 7): rovers now and at the last decision, in the columns of config.py. body (n, p, 10): people, as in social_force.py.
+    time (n,) s. known (n, p), mean (n, p, 4), covariance (n, p, 4, 4): beliefs. bounds (n, p, 4, 4), robot_bounds (n, r, 3, 3): information.py.
+    time_unseen (n, p): since each person was last seen, s. people (n, p, 4): feet x, y, z m and stature m. cameras (n, r, 3): positions, m.
+    seen (n, r, p): shares of bodies seen. stopped (n, r): what stopped a robot in the last decision, as in kinematics.drive_step.
+    tipped, tipping (n, r): whether a robot had tipped over when it last looked, and has now.
+    added (n, r): what each robot adds to the information about a person, nats. terms (n, 7): of the last decision, in the columns of TERMS.
+    noise (n, r, p, 2), luck (n, r, p): random numbers of the next views, normal and uniform.
+    trail (n, TRAIL_LENGTH, r, 2): places after the last decisions, m, in turn. decisions (n,): their number.
+    """
+
+    team: Array
+    before: Array
+    body: Array
+    time: Array
+    known: Array
+    mean: Array
+    covariance: Array
+    bounds: Array
+    robot_bounds: Array
+    time_unseen: Array
+    people: Array
+    cameras: Array
+    seen: Array
+    stopped: NDArray[np.int64]
+    tipped: Mask
+    tipping: Mask
+    added: Array
+    terms: Array
+    noise: Array
+    luck: Array
+    trail: Array
+    decisions: NDArray[np.int64]
+
+    @staticmethod
+    def begun(config: PlacementConfig, count: int, columns: int) -> States:
+        """The arrays of `count` episodes before their first look. columns: of a body."""
+        n, r, p = count, config.robots, config.people
+        shapes = {"team": (n, r, 7), "before": (n, r, 7), "body": (n, p, columns), "time": (n,), "known": (n, p), "mean": (n, p, 4)}
+        shapes |= {"covariance": (n, p, 4, 4), "time_unseen": (n, p), "people": (n, p, 4), "cameras": (n, r, 3), "seen": (n, r, p), "added": (n, r)}
+        shapes |= {"terms": (n, len(TERMS)), "noise": (n, r, p, 2), "luck": (n, r, p), "trail": (n, TRAIL_LENGTH, r, 2)}
+        arrays: dict[str, Any] = {name: np.zeros(shape) for name, shape in shapes.items()}
+        kinds = {"stopped": np.int64, "tipped": np.bool_, "tipping": np.bool_}
+        arrays |= {name: np.zeros((n, r), dtype=kind) for name, kind in kinds.items()}
+        bounds, robots = np.tile(unknown_people(p), (n, 1, 1, 1)), np.tile(started_robots(r), (n, 1, 1, 1))
+        return States(**arrays, bounds=bounds, robot_bounds=robots, decisions=np.zeros(n, dtype=np.int64))
+
+    def copy_row(self, row: int, source: States, source_row: int) -> None:
+        """Take an episode of other states."""
+        for mine, other in zip(self, source, strict=True):
+            mine[row] = other[source_row]
 
 
 @dataclass(frozen=True, eq=False)
