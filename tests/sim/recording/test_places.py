@@ -11,6 +11,7 @@ import pytest
 from sim.recording.record import record
 from sim.scenario import Scenario
 from sim.simulation import Simulation
+from tests.sim.footfalls import Footfalls
 from tests.worlds.places.samples import MODEL, write_house, write_png
 from tracker.sequence.reader import read_sequence
 
@@ -49,17 +50,13 @@ def test_one_worker_and_two_write_the_same_bytes(tmp_path: Path, place: str) -> 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("place", PLACES)
 def test_feet_are_on_the_ground_and_nobody_is_in_a_wall(tmp_path: Path, place: str, seed: int) -> None:
-    """ the sole that is lowest touches the ground to 2 cm, and the middles of bodies are free."""
+    """The lowest point of each standing sole is on the ground to 2 cm, soles do not slide, and the middles of bodies are free."""
     simulation = Simulation(Scenario(world=named(tmp_path, place), robots=1, people=6, frames=30, seed=seed))
-    for _ in range(30):
-        simulation.step()
-        feet = simulation.feet()
-        assert (simulation.world.feet.clearance_at(feet[:, :2]) > -0.1).all()
-        ankles = simulation.joints()[:, 15:17]
-        ground = simulation.world.terrain.height_at(ankles.reshape(-1, 3)[:, :2]).reshape(-1, 2)
-        # An ankle of a standing foot is 5 to 12 cm over its sole.
-        lowest = (ankles[..., 2] - ground).min(axis=1)
-        assert (lowest > 0.0).all(), lowest
-        assert (lowest < 0.16).all(), lowest
-        assert not any(simulation.tipped().values())
-    assert np.isfinite(simulation.data.qpos).all()
+    places = []
+    for _ in range(3):
+        footfalls = Footfalls(simulation, 10)
+        assert footfalls.gap.max() < 0.02
+        assert footfalls.slide.max() < 0.03
+        places.append(simulation.feet())
+    assert not any(simulation.tipped().values())
+    assert (simulation.world.feet.clearance_at(np.concatenate(places)[:, :2]) > -0.1).all()
