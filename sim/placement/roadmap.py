@@ -163,7 +163,7 @@ def steer(team, goals, people, graph, space):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _target(x, y, goal, graph, space):  # type: ignore[no-untyped-def]
-    """The target of a robot at (x, y) m: the farthest node of the path to `goal` that it reaches straight, up to LOOKAHEAD."""
+    """The target of a robot at (x, y) m: the farthest node of the path to `goal` that it reaches straight, up to LOOKAHEAD or the next node."""
     nodes, next_node = graph
     start, least = nearest_node(nodes, x, y)
     target, node = start, start
@@ -172,7 +172,8 @@ def _target(x, y, goal, graph, space):  # type: ignore[no-untyped-def]
     while node != goal:
         node = next_node[node, goal]
         distance = math.sqrt((nodes[node, 0] - x) ** 2 + (nodes[node, 1] - y) ** 2)
-        if distance > LOOKAHEAD or not segment_is_free(space, (x, y), (nodes[node, 0], nodes[node, 1])):
+        # The next node counts at any distance: nodes of a large map are farther apart than LOOKAHEAD.
+        if (distance > LOOKAHEAD and target != start) or not segment_is_free(space, (x, y), (nodes[node, 0], nodes[node, 1])):
             break
         target = node
     if node != start and (nodes[target, 0] - x) ** 2 + (nodes[target, 1] - y) ** 2 < REACHED_DISTANCE * REACHED_DISTANCE:

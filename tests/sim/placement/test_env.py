@@ -95,8 +95,10 @@ def test_given_starts_and_velocity_commands_are_followed():
     np.testing.assert_allclose(env.unwrapped.episode.now.team[0, :2], place, atol=1e-9)
 
 
-def test_waypoints_are_reached():
-    env = make(people=0, robots=2, action="waypoint")
+@pytest.mark.parametrize("world", ["pilsun", "campus"])
+def test_waypoints_are_reached(world):
+    """Nodes of campus are farther apart than robots look ahead."""
+    env = make(world=world, people=0, robots=2, action="waypoint")
     env.reset(seed=2)
     place = env.unwrapped.episode.place
     far = np.argsort(place.roadmap.distance[place.roadmap.nearest(env.unwrapped.episode.now.team[:1, :2])[0]])
