@@ -1,6 +1,7 @@
 """Conflicts between the leaves of track trees, compiled.
 
 Two leaves are in conflict where they share a tree or a box, or inherit a conflict from their parents (Kim et al. 2015; Papageorgiou & Salpukas 2009).
+So are leaves that are too near each other for two bodies, as long as they are: a detector's second boxes of a person would have a track else.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ import numpy as np
 
 from tracker.geometry import Ints, Mask
 from tracker.geometry.compilation import njit
+from tracker.mht.track_trees import TrackHypotheses
 
 
 @njit(cache=True)
@@ -28,6 +30,19 @@ def conflicts_of(old: Mask, parent: Ints, tree: Ints, box: Ints) -> Mask:
     for v in range(V):
         _exclude(box[:, v].copy(), conflict)
     return conflict
+
+
+def of_one_body(leaves: TrackHypotheses, least: float) -> Mask:
+    """Which two of n leaves (n, n) are too near each other for two bodies: less than `least` m in the mean of the ticks that both remember."""
+    tree, place, window = leaves.tree, leaves.state[:, :2], leaves.states.shape[1]
+    near = np.linalg.norm(place[:, None] - place, axis=2) < 2 * least
+    first, second = np.nonzero(np.triu(near & (tree[:, None] != tree)))
+    both = np.arange(window) < np.minimum(leaves.age[first], leaves.age[second])[:, None]
+    apart = np.linalg.norm(leaves.states[first, :, :2] - leaves.states[second, :, :2], axis=2)
+    one = np.mean(apart, axis=1, where=both) < least
+    out = np.zeros(near.shape, dtype=bool)
+    out[first[one], second[one]] = out[second[one], first[one]] = True
+    return out
 
 
 @njit(cache=True)

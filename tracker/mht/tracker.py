@@ -33,7 +33,7 @@ from tracker.geometry import Array, Ints, Mask
 from tracker.mht.appearance_model import AppearanceModel
 from tracker.mht.branching import branch
 from tracker.mht.branching_data import BoxTable, BranchingConstants, ChildHypotheses, Observation, ParentHypotheses
-from tracker.mht.conflicts import conflicts_of
+from tracker.mht.conflicts import conflicts_of, of_one_body
 from tracker.mht.global_hypothesis import CliqueSolver, GlobalHypothesis, HypothesisSearch
 from tracker.mht.initiation import with_statures, with_walkable_prior
 from tracker.mht.joint_assignment import assign_jointly, assigned_boxes, union
@@ -140,7 +140,8 @@ class MhtFilter:
         children = self._branch(now)
         roots, doubt = self._initiate(now, children)
         new = self._updated_leaves(now, roots, self._extended(now, children, roots))
-        chosen = self.search.solve(new.leaves, new.conflict, self.kept[:, new.parent], self._ticks + 1_000_003 * self.parameters.seed)
+        excluded = new.conflict | of_one_body(new.leaves, self.parameters.body)
+        chosen = self.search.solve(new.leaves, excluded, self.kept[:, new.parent], self._ticks + 1_000_003 * self.parameters.seed)
         self._own_boxes(now, new, chosen.best)
         leaves, fresh = self._confirmed(new.leaves, chosen.best)
         new = replace(new, leaves=leaves)

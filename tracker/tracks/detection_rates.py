@@ -42,12 +42,12 @@ class DetectionRateParameters:
     detection: float = 0.9  # prior detection rate of people in full view
     weight: float = 30.0  # people for which that rate counts
     false: float = 1e-3  # prior density of false boxes, a square metre of ground and tick
-    weight_false: float = 10.0  # ticks for which that density counts
+    weight_false: float = 100.0  # ticks for which that density counts
     memory: float = 150.0  # ticks, time constant with which counts fade
     watched: float = 15.0  # m, radius of the ground on which false boxes are counted where no area is set
     log_ratios: tuple[float, float] = (1.0, 8.5)  # prior of log_ratio in the lowest and the highest class of confidence
     min_detection: float = 0.2  # least detection rate
-    max_detection: float = 0.97  # greatest detection rate
+    max_detection: float = 0.9  # greatest detection rate
     behind_things: tuple[float, ...] = (0.85, 0.6, 0.3, 0.15, 0.05)  # prior relative detection rates of people behind objects, by classes of cover
     behind_people: tuple[float, ...] = (0.7, 0.5, 0.4, 0.3, 0.2)  # the same of people behind people
     weight_covered: float = 40.0  # people for which each of these rates counts

@@ -35,6 +35,7 @@ class MhtParameters:
     n_conf: int = 2  # frames with a box before a track may be confirmed
     residence: float = 60.0  # s, mean time for which a track is of one person
     miss_time: float = 0.5  # s in which the missed detections of a person have one cause and count once against existence
+    body: float = 0.3  # m, mean distance in the memory of two tracks below which they are of one person
     report: float = 0.98  # probability of existence from which a track is confirmed
     forget: float = 5e-4  # probability of existence below which a track is deleted
     joint_misses: float = 2.0  # missed detections for which a miss in all views at once counts at most, as its cause is common
