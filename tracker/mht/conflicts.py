@@ -1,7 +1,7 @@
 """Conflicts between the leaves of track trees, compiled.
 
 Two leaves are in conflict where they share a tree or a box, or inherit a conflict from their parents (Kim et al. 2015; Papageorgiou & Salpukas 2009).
-So are leaves that are too near each other for two bodies, as long as they are: a detector's second boxes of a person would have a track else.
+So are leaves while they are too near each other for two bodies. Else a detector's second boxes of a person would have a track.
 """
 
 from __future__ import annotations
