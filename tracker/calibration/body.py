@@ -19,8 +19,10 @@ pitch (down), roll, yaw: rad. x, y: m. height: logarithm of m. offset: s by whic
 FOCAL, CX, CY, K1, PITCH, ROLL, YAW, X, Y, HEIGHT, OFFSET = range(len(NAMES))
 BODY_WIDTH = 0.5
 """m."""
-GLOBALS = ("foot", "head", "stature")
-"""Of all bodies, m. foot: from the middle to the nearest point on the ground. head: to the point that the upper edge touches. Mean stature."""
+GLOBALS = ("foot", "head", "stature", "side", "top", "bottom")
+"""Of all bodies. foot: m from the middle to the nearest point on the ground. head: m to the point that the upper edge touches. Mean stature, m.
+side: by how much boxes are too far to the right. top, bottom: by how much these edges are too low. All three are shares of a box's height."""
+EDGES = slice(3, 6)
 LEAST_DEPTH = 0.05
 """m: points nearer to the plane of the lens have no pixel."""
 

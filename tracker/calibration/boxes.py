@@ -16,8 +16,13 @@ from tracker.geometry.image_boxes import box_overlaps
 from tracker.recordings.clocks import CameraClock
 from tracker.recordings.recording import FrameBoxes
 
-EDGE = 0.01
-"""Boxes within this share of the image's height from its border are cut by it."""
+EDGE, NEAR_EDGE = 0.01, 0.07
+"""Boxes within this share of the image's height from its border are cut by it. Tracklets within this share of their boxes' heights may be.
+
+Errors of boxes are 0.03 of their heights. Chosen by its own edges, a box that its error moves to the middle would be kept more often.
+"""
+SMOOTH = 1.0
+"""s over which edges of a tracklet are averaged where errors of single boxes are not to choose or to weigh them."""
 HIDDEN = 0.2
 """Share of the lower or upper third of a box under nearer boxes from which its edge there is not trusted."""
 SECOND = 0.6
@@ -78,7 +83,31 @@ def linked_boxes(camera: Camera, boxes: FrameBoxes, rate: float, clock: CameraCl
         middle = np.mod(middle, camera.width)
     time = frame / rate if clock is None else np.array([clock.time(one, rate) for one in frame.tolist()], dtype=np.float64)
     table = LinkedBoxes(frame, time, middle, edges[:, 1], edges[:, 3], width, whole, np.zeros(len(frame), dtype=np.int64))
-    return replace(table, track=_linked(table, rate, camera.width if camera.wraps else 0))
+    table = replace(table, track=_linked(table, rate, camera.width if camera.wraps else 0))
+    return replace(table, whole=table.whole & _inside(camera, table))
+
+
+def smoothed(table: LinkedBoxes, values: Array, width: float = SMOOTH) -> Array:
+    """Means (n, k) of values (n, k) of the boxes of a tracklet within `width` / 2 s."""
+    order = np.lexsort([table.time, table.track])
+    # Tracklets follow each other on one axis of time, far apart.
+    time = table.time[order] + table.track[order] * (float(np.ptp(table.time)) + 2 * width if len(table) else 0.0)
+    low, high = np.searchsorted(time, time - width / 2), np.searchsorted(time, time + width / 2, side="right")
+    total = np.vstack([np.zeros(values.shape[1]), np.cumsum(values[order], axis=0)])
+    out = np.empty(values.shape)
+    out[order] = (total[high] - total[low]) / (high - low)[:, None]
+    return out
+
+
+def _inside(camera: Camera, table: LinkedBoxes) -> Mask:
+    """Boxes (n,) whose tracklet is in the image there, and not near its border."""
+    half = table.width / 2
+    edges = smoothed(table, np.column_stack([table.top, table.bottom, table.middle - half, table.middle + half]))
+    low, margin = camera.pixel_centre - 0.5, NEAR_EDGE * (edges[:, 1] - edges[:, 0])
+    inside = (edges[:, 0] > low + margin) & (edges[:, 1] < low + camera.height - margin)
+    if not camera.wraps:
+        inside &= (edges[:, 2] > low + margin) & (edges[:, 3] < low + camera.width - margin)
+    return np.asarray(inside)
 
 
 def _of_frame(camera: Camera, box: Array, confidence: Array) -> tuple[Array, Mask]:

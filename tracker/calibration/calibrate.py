@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from tracker.calibration.adjustment import GLOBAL_PRIOR, Adjusted, Prior, adjust
+from tracker.calibration.adjustment import GLOBAL_PRIOR, ROUNDS, Adjusted, Prior, adjust
 from tracker.calibration.body import CX, CY, FOCAL, HEIGHT, K1, OFFSET, PITCH, ROLL, YAW, X, Y, angles_of, lens_of, pose_of
 from tracker.calibration.boxes import linked_boxes
-from tracker.calibration.people import observations
+from tracker.calibration.people import MOST, observations
 from tracker.calibration.refinement import changes, refine
 from tracker.calibration.registration import CameraBoxes, Cloud, Match, agreement, match, paths_of, steps_of, visible
 from tracker.calibration.result import Calibration, Known
@@ -40,6 +40,8 @@ LINE = 0.06
 """Breadth over length of the ground where people walk, below which they walk on a line."""
 TIGHT = 0.6
 """Errors of places after the adjustment, as a share of those before."""
+ROUGH = (8, 2500)
+"""Steps, and most boxes, of an adjustment before all cameras are in the frame."""
 OTHER_CLOCK = 3.0
 """s: deviation of clock offsets before anything is known."""
 Progress = Callable[..., Iterable[Any]]
@@ -107,7 +109,7 @@ class _Calibrator:
                 break
             name, row = found
             self.rows[name] = row
-            self._adjust(rounds=8, most=2500)
+            self._adjust(rough=True)
             if self._share(name)[1] < LEAST_SHARE:
                 del self.rows[name]
                 matches = {pair: [] if name in pair and not set(pair) - {name} - set(self.rows) else ms for pair, ms in matches.items()}
@@ -116,9 +118,8 @@ class _Calibrator:
         self._order()
         if self.known.refine:
             return self._refined()
-        for tight in (1.0, TIGHT):
-            adjusted = self._adjust(tight=tight)
-        return self._result(adjusted, list(self.rows))
+        self._adjust(rough=True)
+        return self._result(self._adjust(TIGHT), list(self.rows))
 
     def _refined(self) -> Calibration:
         """The given calibration with what has moved, from the whole of the parameters in the frame."""
@@ -180,7 +181,7 @@ class _Calibrator:
         best = max(matches, key=lambda pair: _value(matches[pair]), default=None)
         if best is not None and _value(matches[best]) > LEAST_SHARE * LEAST_SCORE:
             self.rows = dict(zip(best, matches[best][0].rows, strict=True))
-            self._adjust(rounds=8, most=2500)
+            self._adjust(rough=True)
             if self._share(best[1])[1] >= LEAST_SHARE:
                 return
         name = best[0] if best and self.rows else max(self.views, key=lambda one: int(self.views[one].table.whole.sum()))
@@ -246,13 +247,14 @@ class _Calibrator:
         """Whether something other than statures gives the scale."""
         return bool(self.known.heights or self.known.distances or len(self.posed) > 0)
 
-    def _adjust(self, rounds: int = 20, most: int = 7000, tight: float = 1.0) -> Adjusted | None:
+    def _adjust(self, tight: float = 1.0, rough: bool = False) -> Adjusted | None:
+        """Adjust the cameras in the frame. rough: few steps with some of the boxes, where other cameras are still to come."""
         names = list(self.rows)
-        seen = observations(self.views, self.rows, self.steps, tight, most)
+        seen = observations(self.views, self.rows, self.steps, tight, ROUGH[1] if rough else MOST)
         if len(seen.view) < LEAST_BOXES:
             return None
-        rows = np.array([self.rows[name] for name in names])
-        adjusted = adjust([self.views[name].camera for name in names], seen, rows, self._prior(names), rounds)
+        rows, rounds = np.array([self.rows[name] for name in names]), ROUGH[0] if rough else ROUNDS
+        adjusted = adjust([self.views[name].camera for name in names], seen, rows, self._prior(names), rounds, not rough)
         self.rows = dict(zip(names, adjusted.rows, strict=True))
         return adjusted
 
@@ -317,4 +319,3 @@ def _moved(row: Array, beside: Array, world: Array) -> Array:
     out[X], out[Y] = world[X] + c * away[0] - s * away[1], world[Y] + s * away[0] + c * away[1]
     out[YAW], out[OFFSET] = row[YAW] + turn, row[OFFSET] + world[OFFSET] - beside[OFFSET]
     return out
-

@@ -9,7 +9,7 @@ from itertools import combinations
 
 import numpy as np
 
-from tracker.calibration.boxes import LinkedBoxes
+from tracker.calibration.boxes import LinkedBoxes, smoothed
 from tracker.calibration.registration import ERROR, FAR_ERROR, CameraBoxes, Paths, paths_of
 from tracker.calibration.single_view import thinned
 from tracker.geometry import Array, Ints, Mask
@@ -64,14 +64,15 @@ def observations(views: Mapping[str, CameraBoxes], rows: Mapping[str, Array], st
         who = of_track[t.track[used]]
         shared = np.array([cameras[one] > 1 for one in who.tolist()], dtype=bool)
         keep = (who >= 0) & (shared | (_durations(t)[t.track[used]] >= ALONE))
-        parts.append((k, t.select(used[keep]), who[keep]))
-    stride = 1 + sum(len(who) for _, _, who in parts) // most
-    parts = [(k, t.select(np.arange(0, len(who), stride)), who[::stride]) for k, t, who in parts]
-    view = np.concatenate([np.full(len(who), k, dtype=np.int64) for k, _, who in parts])
-    numbers, compact = np.unique(np.concatenate([who for _, _, who in parts]), return_inverse=True)
-    box = np.concatenate([np.column_stack([t.middle, t.top, t.bottom]) for _, t, _ in parts])
-    sigma = np.hypot(EDGE * (box[:, 2] - box[:, 1]), EDGE_PIXELS)[:, None] * np.ones(3)
-    time, track = (np.concatenate([getattr(t, name) for _, t, _ in parts]) for name in ("time", "track"))
+        parts.append((k, t.select(used[keep]), who[keep], smoothed(t, t.height[:, None])[used[keep], 0]))
+    stride = 1 + sum(len(who) for _, _, who, _ in parts) // most
+    parts = [(k, t.select(np.arange(0, len(who), stride)), who[::stride], tall[::stride]) for k, t, who, tall in parts]
+    view = np.concatenate([np.full(len(who), k, dtype=np.int64) for k, _, who, _ in parts])
+    numbers, compact = np.unique(np.concatenate([who for _, _, who, _ in parts]), return_inverse=True)
+    box = np.concatenate([np.column_stack([t.middle, t.top, t.bottom]) for _, t, _, _ in parts])
+    high = np.concatenate([tall for _, _, _, tall in parts])
+    sigma = np.hypot(EDGE * high, EDGE_PIXELS)[:, None] * np.ones(3)
+    time, track = (np.concatenate([getattr(t, name) for _, t, _, _ in parts]) for name in ("time", "track"))
     alone = np.array([cameras[one] < 2 for one in numbers.tolist()], dtype=bool)
     return Observations(view, compact.astype(np.int64), time, box, sigma, track, alone)
 

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from tracker.calibration.adjustment import Adjusted, Prior, Problem
-from tracker.calibration.body import HEIGHT, NAMES, PITCH, ROLL, YAW
+from tracker.calibration.body import GLOBALS, HEIGHT, NAMES, PITCH, ROLL, YAW
 from tracker.calibration.people import Observations
 from tracker.geometry import Array, Mask
 from tracker.geometry.cameras import Camera
@@ -40,9 +40,9 @@ def refine(cameras: Sequence[Camera], seen: Observations, rows: Array, prior: Pr
     moved[free] = usable[free]
     problem = Problem(cameras, seen, rows, prior)
     problem.solve(ROUNDS // 2, ~moved.ravel()[problem.free])
-    problem.rescaled(common=True)
+    problem.rescale()
     while True:
-        problem.solve(ROUNDS, ~moved.ravel()[problem.free])
+        _solved(problem, moved)
         name = _worst(problem, moved, usable)
         if name is None:
             break
@@ -51,11 +51,18 @@ def refine(cameras: Sequence[Camera], seen: Observations, rows: Array, prior: Pr
     return Refined(found, moved)
 
 
+def _solved(problem: Problem, moved: Mask) -> None:
+    """Bring what may move to its best state."""
+    problem.integrated = False
+    problem.solve(ROUNDS, ~moved.ravel()[problem.free])
+    problem.integrate(held=~moved.ravel()[problem.free])
+
+
 def _worst(problem: Problem, moved: Mask, usable: Mask) -> int | None:
     """The camera against whose parameters the data speak most, of those that stay; None where none is significant."""
     gradient, information, covariance = problem.information()
     flat = moved.ravel()[problem.free]
-    out = np.append(flat, np.ones(3, dtype=bool))
+    out = np.append(flat, np.ones(len(GLOBALS), dtype=bool))
     best: tuple[float, int] | None = None
     for k in range(len(usable)):
         own = np.flatnonzero((problem.free // len(NAMES) == k) & ~flat)
@@ -76,7 +83,6 @@ def _worst(problem: Problem, moved: Mask, usable: Mask) -> int | None:
 
 def _settled(problem: Problem, rows: Array, moved: Mask, free: Mask) -> Adjusted:
     """The state after parameters of moved cameras that are within their errors went back; `moved` is changed."""
-    found = problem.solve(ROUNDS, ~moved.ravel()[problem.free])
     for _ in range(int(moved.sum())):
         sigma = _sigmas(problem, moved)
         ratio = np.where(moved & ~free[:, None], np.abs(problem.rows - rows) / np.maximum(sigma, 1e-12), np.inf)
@@ -85,18 +91,19 @@ def _settled(problem: Problem, rows: Array, moved: Mask, free: Mask) -> Adjusted
         back = np.unravel_index(int(np.argmin(ratio)), ratio.shape)
         moved[back] = False
         problem.rows[back] = rows[back]
-        found = problem.solve(ROUNDS, ~moved.ravel()[problem.free])
-    return found.with_sigma(_covariance(problem, moved))
+        # What stays moves little, as that parameter was within its error.
+        problem.integrate(2, ~moved.ravel()[problem.free])
+    return problem.result().with_sigma(_covariance(problem, moved))
 
 
 def _covariance(problem: Problem, moved: Mask) -> Array:
     """Covariance (cameras · 11, same) of the parameters that move, where the others are known."""
     _, information, meat = problem.information()
-    own = np.flatnonzero(np.append(moved.ravel()[problem.free], np.ones(3, dtype=bool)))
+    own = np.flatnonzero(np.append(moved.ravel()[problem.free], np.ones(len(GLOBALS), dtype=bool)))
     inverse = np.linalg.pinv(information[np.ix_(own, own)], hermitian=True)
     covariance = inverse @ meat[np.ix_(own, own)] @ inverse
-    out, at = np.zeros((moved.size, moved.size)), problem.free[own[:-3]]
-    out[np.ix_(at, at)] = covariance[:-3, :-3]
+    out, at = np.zeros((moved.size, moved.size)), problem.free[own[: -len(GLOBALS)]]
+    out[np.ix_(at, at)] = covariance[: -len(GLOBALS), : -len(GLOBALS)]
     return out
 
 
@@ -119,4 +126,3 @@ def changes(names: Sequence[str], rows: Array, refined: Refined) -> list[str]:
 
 def _shown(p: int, value: float) -> float:
     return float(np.degrees(value)) if p in (PITCH, ROLL, YAW) else float(value)
-

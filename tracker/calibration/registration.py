@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tracker.calibration.body import FOCAL, OFFSET, YAW, X, Y, boxes_of, ground_places
-from tracker.calibration.boxes import LinkedBoxes
+from tracker.calibration.boxes import LinkedBoxes, smoothed
 from tracker.calibration.result import MOST_OFFSET
 from tracker.calibration.single_view import STATURE, SingleView
 from tracker.geometry import Array, Ints
@@ -23,6 +23,8 @@ EARLIER = 2 * MOST_OFFSET
 """s before time 0 at which paths begin, as clocks may be late."""
 STEP = 0.3
 """s between two places of a path."""
+SMOOTH = 0.5
+"""s over which places are averaged."""
 LEAST_TIME, LEAST_WAY = 1.5, 1.0
 """s and m: tracklets by which motions are guessed."""
 ERROR, FAR_ERROR = 0.3, 0.1
@@ -88,6 +90,8 @@ def paths_of(view: CameraBoxes, row: Array, steps: int) -> Paths:
     own = place - row[[X, Y]]
     used = np.flatnonzero(t.whole & (np.hypot(*own.T) < FARTHEST))
     order = used[np.lexsort([t.time[used], t.track[used]])]
+    smooth = np.empty(place.shape)
+    smooth[used] = smoothed(t.select(used), place[used], SMOOTH)
     bounds = np.flatnonzero(np.diff(t.track[order], prepend=-1, append=-1))
     clock = t.time + row[OFFSET] + EARLIER
     z, here, away, track = [], [], [], []
@@ -99,9 +103,8 @@ def paths_of(view: CameraBoxes, row: Array, steps: int) -> Paths:
         at = at[(at >= 0) & (at < steps)]
         if len(at) < 2:
             continue
-        smooth = _smoothed(time, place[rows])
         one, mask, far = np.zeros(steps, dtype=np.complex128), np.zeros(steps), np.zeros(steps)
-        one[at] = np.interp(at * STEP, time, smooth[:, 0]) + 1j * np.interp(at * STEP, time, smooth[:, 1])
+        one[at] = np.interp(at * STEP, time, smooth[rows, 0]) + 1j * np.interp(at * STEP, time, smooth[rows, 1])
         far[at] = np.abs(one[at] - complex(*row[[X, Y]]))
         mask[at] = 1.0
         z.append(one)
@@ -111,13 +114,6 @@ def paths_of(view: CameraBoxes, row: Array, steps: int) -> Paths:
     if not z:
         return Paths(np.zeros((0, steps), dtype=np.complex128), np.zeros((0, steps)), np.zeros((0, steps)), np.zeros(0, dtype=np.int64))
     return Paths(np.array(z), np.array(here), np.array(away), np.array(track))
-
-
-def _smoothed(time: Array, place: Array, width: float = 0.5) -> Array:
-    """Means of places (n, 2) within `width` / 2 s."""
-    low, high = np.searchsorted(time, time - width / 2), np.searchsorted(time, time + width / 2, side="right")
-    total = np.vstack([np.zeros(2), np.cumsum(place, axis=0)])
-    return np.asarray((total[high] - total[low]) / (high - low)[:, None])
 
 
 @dataclass(frozen=True, eq=False)
