@@ -21,8 +21,8 @@ class Study:
     """Repeat a study of the paper on synthetic people and on PETS 2009.
 
     fig4: K_H = 1 to 30 and i_bls^max = 500 to 2000, on PETS 2009 as it is and with
-    false boxes. It writes cells.csv (a run a row), fig4.png (processing time, MOTA
-    and its spread over repetitions) and fig4.txt (the table and its summary).
+    false boxes. It writes cells.csv (a run a row), fig4.png (processing time and MOTA
+    with their spread over repetitions) and fig4.txt (the table and its summary).
 
     graphs: a small graph for each hypothesis beside one graph of all tracks. Searches
     start from the surviving tracks, or without them. It writes runs.csv, graphs.txt
@@ -30,7 +30,7 @@ class Study:
 
     images: tracklets of corners with the paper's L_c, δ_min and ω and with others,
     beside none, on rendered people and on videos of PETS 2009. It writes cells.csv,
-    images.png (MOTA, IDF1, time), images.txt and the recordings.
+    images.png (MOTA, IDF1, switches, time), images.txt and the recordings.
 
     The same command continues a study that was interrupted.
 
@@ -101,10 +101,10 @@ class Study:
         total = image_tracklets.count_runs(materials, self.repetitions)
         return self._finished(image_tracklets, image_tracklets.study(self.out, materials, self.frames, self.repetitions), total)
 
-    def _finished(self, study: Any, runs: Iterator[list[Any]], total: int) -> str:
-        """Run what is left of a study, and draw it; its summary. study: its module. runs: all runs so far, after each of `total`."""
+    def _finished(self, study: Any, runs: Iterator[Any], total: int) -> str:
+        """Run what is left of a study, and draw it; its summary. study: its module. runs: each of `total` runs."""
         from tracker.io.progress import progress_bar
 
-        made = list(progress_bar(runs, total=total, unit="run"))[-1]
-        study.draw(made, self.out / f"{self.name}.png")
-        return str(study.summary(made))
+        made = list(progress_bar(runs, total=total, unit="run"))
+        study.FORM.draw(made, self.out / f"{self.name}.png")
+        return str(study.FORM.summary(made))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import logging
-import math
 import multiprocessing
 import os
 import signal
@@ -15,7 +14,6 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -36,23 +34,11 @@ DASK_LOGGERS = ("distributed", "distributed.client")
 _one_at_a_time = threading.Lock()
 
 
-def usable_cores(groups: Path = Path("/sys/fs/cgroup")) -> int:
-    """The number of cores that this process may use, MAX_WORKERS at most: of the machine, and of the quota of a container.
+def usable_cores() -> int:
+    """The number of cores that this process may use, MAX_WORKERS at most: of the machine, and of the quota of a container."""
+    from joblib import cpu_count
 
-    groups: the mounted control groups of Linux, as a container sees them.
-    """
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return max(1, min(cores, MAX_WORKERS, _quota(groups)))
-
-
-def _quota(groups: Path) -> int:
-    """Cores that the control group grants in a period; MAX_WORKERS without a limit. Version 2 has one file, version 1 two."""
-    for names in (("cpu.max",), ("cpu/cpu.cfs_quota_us", "cpu/cpu.cfs_period_us")):
-        with suppress(OSError, ValueError, ZeroDivisionError):
-            quota, period = " ".join((groups / name).read_text() for name in names).split()
-            if quota not in ("max", "-1"):
-                return math.ceil(float(quota) / float(period))
-    return MAX_WORKERS
+    return min(cpu_count(), MAX_WORKERS)
 
 
 class WorkerLost(OSError):  # noqa: N818

@@ -1,3 +1,3 @@
 """`pilsim study`: studies of the paper's parameters: number of hypotheses, graphs of the clique search, and image tracklets.
 
-Read `hypothesis_count.py` first."""
+Read `study_cells.py` first."""

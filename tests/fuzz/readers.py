@@ -20,7 +20,8 @@ from sim.report.rows import read_rows
 from sim.report.series import overview, plots_of
 from sim.report.summary import headline, moments, summary
 from sim.stress.runner import _read_rows
-from sim.studies.hypothesis_count import Cell, read_cells
+from sim.studies.hypothesis_count import Cell
+from sim.studies.study_cells import read_cells
 from tests.fuzz import samples
 from tracker.clique.dimacs import read_graph
 from tracker.datasets.validation import validate

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import mujoco
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -12,7 +11,7 @@ from sim.cameras import Rig, parse_camera
 from sim.cameras.partial import PartialCamera
 from sim.rendering.coverage import UnoccludedExtent
 from sim.rendering.panorama import PanoramaRenderer, RenderedImage
-from tests.sim.rays import GROUPS, cast, silhouettes
+from tests.sim.rays import cast, silhouettes
 from tests.sim.scenes import Scene, court
 from tracker.geometry import Pose
 from tracker.geometry.cameras import Camera, Fisheye
@@ -115,32 +114,6 @@ def test_blind_pixels_of_a_round_image_show_nothing(shots: dict) -> None:
         assert not shot.colour[corner].any()
         assert np.isinf(shot.range[corner])
     assert shot.colour[camera.height // 2, camera.width // 2].any()
-
-
-@pytest.mark.render
-def test_stitched_truth_at_the_seam_is_that_of_the_lens_that_owns_it(scene: Scene) -> None:
-    """Each pixel beside the seam, against a ray from the place of its lens to the point at the stitching distance."""
-    rig = Rig.of("dual-fisheye:fov=200,baseline=0.1,distance=4", 512)
-    assert rig.stitching
-    stitching, (front, back) = rig.stitching, rig.stitching.halves
-    pose = Pose.planar(0.0, 0.0, 0.4, 1.4)
-    with PanoramaRenderer(scene.model, [front, back], scene.instances) as renderer:
-        poses = [pose @ T for T in stitching.T_rig_lens]
-        images = renderer.render(scene.data, poses, [0, 1])
-    owner, errors = {0: range(128, 132), 1: range(124, 128)}, []
-    for lens, columns in owner.items():
-        start = poses[lens].translation
-        for row in range(75, 180):
-            for column in columns:
-                bearing = stitching.panorama.bearings_from_pixels([[column + 0.5, row + 0.5]])
-                towards = pose.apply(stitching.distance * bearing)[0] - start
-                geom = np.zeros(1, np.int32)
-                length = mujoco.mj_ray(scene.model, scene.data, start, towards / np.linalg.norm(towards), GROUPS, 1, -1, geom, None)
-                if length > 0:
-                    errors.append(abs(images[lens].range[row, column] - length) / length)
-        assert np.isinf(images[1 - lens].range[:, list(columns)]).all()
-    assert len(errors) > 300
-    assert np.mean(np.array(errors) < 0.005) > 0.97
 
 
 @pytest.mark.render

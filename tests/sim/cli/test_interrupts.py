@@ -128,19 +128,3 @@ def test_during_imports(name: str, act: str) -> None:
     assert done.returncode == 130, done.stderr
     assert done.stderr.count("\n") == 1, done.stderr
     assert done.stderr.startswith("interrupted")
-
-
-@pytest.mark.soak
-def test_demo(tmp_path: Path) -> None:
-    out = tmp_path / "demo"
-    words = ("demo", "--frames", "6", *BUSY, "--out", str(out))
-    check(Interrupted(exists(tmp_path, "demo/.*/images/robot_0_camera/*"), *words))
-    assert not [path for path in (out / "sequence").glob("*") if not (out / "sequence" / "manifest.json").exists()]
-
-
-@pytest.mark.soak
-def test_track(data: Callable[..., Path], tmp_path: Path) -> None:
-    source = data("pets2009", "S2.L1")
-    words = ("track", str(source), "--views", "1,5,7", "--out", str(tmp_path / "out"))
-    check(Interrupted(after(10.0), *words))
-    assert not list((tmp_path / "out").glob("*"))

@@ -75,15 +75,3 @@ def test_every_module_is_imported_without_what_a_system_lacks(system: str) -> No
     program = IMPORT_ALL.format(root=str(ROOT), optional=OPTIONAL, modules=set(missing), of_os=of_os, of_signal=of_signal, names=modules())
     done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout.strip()) == (0, ""), done.stdout + done.stderr
-
-
-@pytest.mark.command
-def test_a_command_runs_without_them(tmp_path: Path) -> None:
-    """Commands that start no process and draw nothing run to their end."""
-    (tmp_path / "a.clq").write_text("p edge 3 2\ne 1 2\ne 2 3\n")
-    missing, of_os, of_signal = WITHOUT["windows"]
-    program = IMPORT_ALL.format(root=str(ROOT), optional=OPTIONAL, modules=set(missing), of_os=of_os, of_signal=of_signal, names=["pilsim"])
-    program += f"sys.argv = ['pilsim', 'clique', {str(tmp_path / 'a.clq')!r}, '--seconds', '0.1']\nimport pilsim\npilsim.main()\n"
-    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert "a clique of weight" in done.stdout

@@ -51,23 +51,6 @@ def crossing(world: World, starts: np.ndarray, goals: np.ndarray) -> tuple[Crowd
     return crowd, crowd.start(starts, np.zeros(m))
 
 
-@pytest.mark.parametrize("place", [pytest.param("yard", marks=pytest.mark.soak), "pilsun"])
-def test_ten_people_stay_in_free_space_keep_apart_and_reach_goals(place):
-    world = yard() if place == "yard" else catalogue.build("pilsun", Scenario().stream("world"), 0.5)
-    crowd, state = crowd_of(world, 0, 10)
-    states = history(crowd, state, 40.0)
-    for s in states:
-        assert world.feet.clearance_at(s.position).min() > 0
-    deep = sum(int((distances(s.position) < 2 * BODY_RADIUS - 0.05).sum()) for s in states)
-    assert deep <= len(states) // 1000
-    way = np.linalg.norm(np.diff([s.position for s in states], axis=0), axis=2).sum(axis=0)
-    assert way.min() > 5.0
-    assert (states[-1].visit >= 1).all()
-    speed = np.array([np.linalg.norm(s.velocity, axis=1) for s in states])
-    assert speed.max() < 2.6
-    assert 0.6 < speed[speed > 0.3].mean() < 1.5
-
-
 @pytest.mark.parametrize("place", ["pilsun", *(pytest.param(name, marks=pytest.mark.soak) for name in ("campus", "forest", "ruins", "tunnel"))])
 def test_seventy_four_people_do_not_walk_through_each_other_or_walls(place):
     world = catalogue.build(place, Scenario().stream("world"), 0.5)
@@ -154,11 +137,6 @@ def test_a_person_inside_a_wall_gets_out():
     crowd, state = crossing(world, np.array([[0.0, 0.62]]), np.array([[4.0, 4.0]]))
     assert world.feet.clearance_at(state.position)[0] < 0
     assert world.feet.clearance_at(history(crowd, state, 3.0)[-1].position)[0] > 0
-
-
-def test_an_empty_crowd():
-    crowd, state = crowd_of(yard(), 0, 0)
-    assert history(crowd, state, 1.0)[-1].position.shape == (0, 2)
 
 
 def test_a_third_of_people_walk_in_groups_of_two_or_three():

@@ -14,7 +14,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 import tyro
 
@@ -202,29 +201,6 @@ def test_a_full_disk_is_one_line_and_leaves_no_sequence(tmp_path: Path) -> None:
     done = subprocess.run(command, preexec_fn=small_files(20_000), capture_output=True, text=True, check=False)
     assert "File too large" in last_line(done)
     assert not (tmp_path / "D").exists()
-
-
-@pytest.mark.soak
-def test_killed_at_random_moments_and_resumed(tmp_path: Path) -> None:
-    """In a run of two workers; afterwards the bytes are those of an undisturbed run. The benchmark `interruption` has more moments."""
-    arguments = ["generate", "pilsun", *SMALL, "--fixed-cameras", "1", "--workers", "2", "--out"]
-    begun = time.monotonic()
-    assert pilsim(*arguments, tmp_path / "undisturbed").returncode == 0
-    length, expected = time.monotonic() - begun, sums(tmp_path / "undisturbed")
-    rng = np.random.default_rng(20)
-    for number, moment in enumerate(rng.uniform(0.5, length, 2)):
-        folder = tmp_path / "killed"
-        run = subprocess.Popen([PILSIM, *arguments, folder], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        time.sleep(moment)
-        run.send_signal(signal.SIGKILL)
-        run.wait()
-        for path in folder.glob("pilsun-*"):
-            assert not list(validate(path)), (number, moment)
-        print(number, f"killed after {moment:.1f} of {length:.1f} s, {len(list(folder.glob('pilsun-*')))} sequences were whole", flush=True)
-        done = pilsim(*arguments, folder)
-        assert done.returncode == 0, (number, moment, done.stderr)
-        assert sums(folder) == expected, (number, moment)
-        shutil.rmtree(folder)
 
 
 @pytest.mark.soak

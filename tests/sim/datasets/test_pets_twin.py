@@ -114,15 +114,6 @@ def test_boxes_of_the_twin_overlap_the_annotated_boxes(data: Callable[..., Path]
     assert not true_motion(replace(pets, cameras=("View_005",))).boxes
 
 
-@pytest.mark.soak
-@pytest.mark.parametrize(("name", "frames"), [("S2.L1", 40), ("S1.L1", 20)])
-def test_boxes_overlap_in_campus(data: Callable[..., Path], tmp_path: Path, name: str, frames: int) -> None:
-    pets = Twin(data("pets2009", name), ("1", "5", "7"), frames, robots=1, width=256)
-    motion = true_motion(pets)
-    write_sequence(recording_of(pets, motion), tmp_path / "twin")
-    assert np.median(annotated_overlaps(motion, read_boxes(tmp_path / "twin"))) >= 0.6
-
-
 @pytest.mark.parametrize(
     ("change", "old", "new", "message"),
     [

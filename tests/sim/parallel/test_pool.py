@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from sim.parallel import pool as pool_module
-from sim.parallel.pool import ONE_THREAD, Pool, WorkerLost, usable_cores
+from sim.parallel.pool import ONE_THREAD, Pool, WorkerLost
 
 
 def test_processes_of_one_thread_give_results_in_order() -> None:
@@ -111,19 +111,3 @@ def test_a_cluster_of_one_thread_is_used_and_its_loss_is_one_error(tmp_path: Pat
             process.kill()
             process.wait()
     assert capfd.readouterr().err == ""
-
-
-def test_workers_follow_the_quota_of_a_container(tmp_path: Path) -> None:
-    """Control groups of version 2, and of version 1; a quota of less than a core is one."""
-    (tmp_path / "cpu.max").write_text("max 100000\n")
-    free = usable_cores(tmp_path)
-    for text in ("100000 100000", "50000 100000"):
-        (tmp_path / "cpu.max").write_text(text)
-        assert usable_cores(tmp_path) == 1
-    (tmp_path / "cpu.max").write_text("6400000 100000")
-    assert usable_cores(tmp_path) == min(free, 64)
-    (tmp_path / "cpu.max").unlink()
-    (tmp_path / "cpu").mkdir()
-    (tmp_path / "cpu" / "cpu.cfs_quota_us").write_text("100000\n")
-    (tmp_path / "cpu" / "cpu.cfs_period_us").write_text("100000\n")
-    assert usable_cores(tmp_path) == 1

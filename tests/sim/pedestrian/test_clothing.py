@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sim.pedestrian import clothing_textures, gait, skeleton
+from sim.pedestrian import gait, skeleton
 from sim.pedestrian.body_mesh import parts
 from sim.pedestrian.clothing import HAIR, LEGS, add_collider, add_person, draw_outfit, limb_meshes, varied_outfit
 from sim.pedestrian.clothing_textures import (
@@ -22,7 +22,6 @@ from sim.pedestrian.clothing_textures import (
     TOPS,
     VARIED,
     add_clothing_textures,
-    region,
     texture_atlas,
 )
 from sim.pedestrian.loft import LEVELS
@@ -184,12 +183,6 @@ def test_people_differ():
     assert {o.luggage for o in outfits} == {"none", "backpack", "shoulder"}
 
 
-def test_every_limb_is_a_mocap_body_of_its_own():
-    model, _ = dressed(0)
-    assert model.nmocap == len(LIMBS) + 1
-    assert model.nv == 0
-
-
 def test_varied_outfits_have_the_stated_shares_and_cover_what_they_should():
     rng = np.random.default_rng(0)
     outfits = [varied_outfit(draw_outfit(rng), np.random.default_rng([1, k])) for k in range(2000)]
@@ -241,13 +234,6 @@ def test_tiles_fill_the_picture_and_none_is_like_another(picture):
     assert min(tile(picture, k).std() for k in numbers) > 1.0
 
 
-def test_regions_stay_inside_of_their_tile():
-    for k in range(ACROSS**2):
-        u0, v0, u1, v1 = region(k, (0.0, 0.0, 1.0, 1.0)) * ACROSS
-        assert k % ACROSS + 0.01 < u0 < u1 < k % ACROSS + 0.99
-        assert k // ACROSS + 0.01 < v0 < v1 < k // ACROSS + 0.99
-
-
 def test_a_face_has_two_white_eyes_and_a_mouth_below(picture):
     for k in (1, 5, 12):
         head = tile(picture, k)
@@ -257,8 +243,3 @@ def test_a_face_has_two_white_eyes_and_a_mouth_below(picture):
         assert (columns < 120).any()
         assert (columns > 135).any()
         assert rows.mean() < 0.6 * TILE
-
-
-def test_the_same_stream_paints_the_same_picture(picture):
-    np.testing.assert_array_equal(texture_atlas(np.random.default_rng(3)), picture)
-    assert clothing_textures.NAME == "people"

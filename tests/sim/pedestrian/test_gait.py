@@ -45,12 +45,6 @@ def test_feet_do_not_jump():
         last = place
 
 
-def test_feet_stay_with_the_body():
-    for footing, bodies in walked(np.array([0.5, 1.2, 1.8]), 8.0, 0.4):
-        place, _ = gait.foot_positions(footing)
-        assert (np.linalg.norm(place - bodies.position[:, None], axis=2) < 0.5 * STATURE[:, None]).all()
-
-
 def test_steps_grow_with_speed_and_keep_the_walk_ratio():
     states = list(walked(np.array([1.0, 1.2, 1.4]), 12.0))
     # 8 s at full speed: turns of the phase, counted.
@@ -83,9 +77,3 @@ def test_a_person_who_turns_in_place_takes_steps():
         footing = gait.walk(footing, Bodies(position, np.zeros((1, 2)), np.full(1, 1.5), np.array([1.7])), DT)
     assert footing.standing.all()
     assert np.abs(footing.planted_yaw - 1.5).max() < 0.41
-
-
-def test_an_empty_crowd_walks():
-    footing = gait.stand(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
-    after = gait.walk(footing, Bodies(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), np.zeros(0)), DT)
-    assert gait.foot_positions(after)[0].shape == (0, 2, 2)

@@ -46,10 +46,3 @@ def test_the_face_turns_with_the_head_and_the_rest_does_not():
     np.testing.assert_allclose(np.arctan2(nose[:, 1], nose[:, 0]), [0.8, -0.5], atol=0.02)
     length = [np.linalg.norm(p.joints[:, :5] - head[:, None], axis=2) for p in (poses, turned)]
     np.testing.assert_allclose(*length)
-
-
-def test_gaze_of_no_people_and_without_points():
-    none = np.zeros(0)
-    nobody = Bodies(np.zeros((0, 2)), np.zeros((0, 2)), none, none)
-    assert skeleton.head_yaw(none, nobody, np.zeros((0, 2)), 0.05).shape == (0,)
-    np.testing.assert_array_equal(skeleton.head_yaw(np.zeros(2), bodies(0.0), np.zeros((0, 2)), 0.05), 0.0)

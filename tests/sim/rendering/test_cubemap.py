@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from sim.rendering.cubemap import BORDER, CUBE, FaceTable
+from sim.rendering.cubemap import CUBE, FaceTable
 from sim.rendering.face_atlas import Atlas, inverse_depth
 from tests.sim.rays import bearings
 from tracker.geometry.cameras import Camera, Cylinder, Fisheye, Panorama, Pinhole, Tsai
@@ -115,11 +115,6 @@ def test_range_is_exact_on_a_plane_and_nearest_between_two_things() -> None:
     assert np.allclose(found[before], table.range_per_depth[before] / (slope * depth.ravel()[flat] + offset), rtol=1e-5)
     seen, found = geometry(table, np.zeros_like(codes), depth, limits)
     assert np.isinf(found).all()
-
-
-def test_the_border_is_there() -> None:
-    face = FaceTable.make(Panorama(256, 128)).faces[0]
-    assert face.width * (1 - 1 / float(face.high[0])) / 2 == pytest.approx(BORDER, abs=0.6)
 
 
 # View_007 of PETS 2009: κ1 is so far below 0 that the lens folds before the image's left corners.

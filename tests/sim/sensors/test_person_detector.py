@@ -108,11 +108,6 @@ def test_a_miss_does_not_change_the_noise_of_the_others() -> None:
     assert {tuple(b) for b in some.bearing} < {tuple(b) for b in all_of_them.bearing}
 
 
-def test_empty_view() -> None:
-    boxes = boxes_of(np.zeros((180, 360), np.uint16), [], [])
-    assert len(IndependentErrors(0.1, 0.0, 0.01, 0.2).detect(CAMERA, view(boxes), np.random.default_rng(0))) == 0
-
-
 def test_a_pinhole_has_no_seam() -> None:
     camera = pinhole(360, 180, 1.2)
     boxes = boxes_of(*scene(), camera=camera)

@@ -59,24 +59,6 @@ def test_boxes_and_visible_fractions_match_rendered_ones(both: tuple[list[Frame]
     assert np.percentile(seen, 90) < 2.5
 
 
-@pytest.mark.render
-def test_detections_are_of_the_same_kind(both: tuple[list[Frame], list[Frame]]) -> None:
-    numbers = [[sum(len(view.detections) for view in m.tick.views) for m in run] for run in both]
-    assert abs(sum(numbers[0]) - sum(numbers[1])) <= 0.15 * sum(numbers[0])
-
-
-def test_the_same_seed_gives_the_same_sightings() -> None:
-    scenario = replace(SCENARIO, robots=1, people=2, frames=2)
-    a, b = (list(raycast_frames(s := Simulation(scenario, world=yard()), make_setup(s))) for _ in range(2))
-    for x, y in zip(a, b, strict=True):
-        first, second = x.tick.views[0].sightings, y.tick.views[0].sightings
-        assert first is not None
-        assert second is not None
-        assert first.bearing.tobytes() == second.bearing.tobytes()
-        assert first.descriptor.tobytes() == second.descriptor.tobytes()
-        assert x.tick.views[0].detections.bearing.tobytes() == y.tick.views[0].detections.bearing.tobytes()
-
-
 def test_sightings_point_at_unoccluded_landmarks() -> None:
     simulation = Simulation(replace(SCENARIO, people=4), world=yard())
     lines = RaycastCamera(simulation, LandmarkSensor(identified=True, outlier_rate=0.0, miss_rate=0.0))

@@ -92,21 +92,6 @@ def test_people_and_rovers_keep_apart(run):
     assert (gap < 0.6).mean() < 0.002
 
 
-def test_the_same_scenario_gives_the_same_states():
-    states = []
-    for _ in range(2):
-        simulation = Simulation(SMALL, yard())
-        for _ in range(5):
-            simulation.step()
-        odometry = simulation.odometry()["robot_1"]
-        states.append(
-            np.concatenate(
-                [simulation.data.qpos, simulation.data.qvel, simulation.data.mocap_pos.ravel(), odometry.T_before_now.log(), odometry.gravity]
-            )
-        )
-    np.testing.assert_array_equal(*states)
-
-
 def test_model_and_data_represent_the_current_frame(small):
     small.step()
     xpos, geoms = small.data.xpos.copy(), small.data.geom_xpos.copy()

@@ -115,14 +115,6 @@ def test_folders_with_other_files_are_refused(tmp_path: Path) -> None:
         run_trials([], tmp_path, Workers(), "pilsim stress")
 
 
-@pytest.mark.command
-def test_rows_of_the_tracker_have_a_clique_gap(tmp_path: Path) -> None:
-    one = trial(tmp_path, people=20, robots=2, frames=20)
-    row = row_of(one)
-    assert row["error"] is None
-    assert 0.0 <= row["limits"]["clique_gap"] < 0.05
-
-
 @pytest.mark.soak
 def test_rows_do_not_depend_on_workers_and_machines(tmp_path: Path, cluster: Any) -> None:
     rows = []

@@ -93,22 +93,6 @@ def test_textures_are_modest_and_everything_has_a_name_and_a_group() -> None:
     assert model.vis.map.znear * model.stat.extent == pytest.approx(0.03)
 
 
-def test_a_ball_comes_to_rest_on_the_ground() -> None:
-    world = pilsun(1)
-    spec = world.spec.copy()
-    x, y = world.feet.sample(np.random.default_rng(0), 1, 0.4, 0.0)[0]
-    ball = spec.worldbody.add_body(name="ball", pos=[x, y, 1.0])
-    ball.add_freejoint()
-    ball.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.1, 0, 0], mass=1.0, condim=6, friction=[1, 0.05, 0.05])
-    model = spec.compile()
-    data = mujoco.MjData(model)
-    for _ in range(700):
-        mujoco.mj_step(model, data)
-    p = data.body("ball").xpos
-    normal = world.ground.normal_at(p[None])[0]
-    assert p[2] - world.ground.height_at(p[None])[0] == pytest.approx(0.1 / normal[2], abs=0.01)
-
-
 @pytest.mark.parametrize("seed", range(4))
 def test_a_mirrored_plan_is_a_plan(seed: int) -> None:
     plan = draw(np.random.default_rng(seed), 0.5)

@@ -26,14 +26,6 @@ def test_arches_are_walked_under(seed: int, difficulty: float) -> None:
         assert SPRING + span / 2 - 0.6 < d < SPRING + span / 2 + 0.3
 
 
-@pytest.mark.parametrize(("seed", "difficulty"), CASES)
-def test_people_get_about_and_over_slabs(seed: int, difficulty: float) -> None:
-    world = compiled("ruins", seed, difficulty)[0]
-    assert len(world.feet.sample(np.random.default_rng(0), 74, 0.1, 0.8)) == 74
-    middles = world.decks.decks.mean(axis=1)
-    assert world.feet.free_at(middles[:, :2]).mean() > 0.3
-
-
 def test_the_harder_the_less_is_seen() -> None:
     """Of pairs of people's heads anywhere, more are hidden from each other."""
     shares = []

@@ -50,12 +50,6 @@ def test_clearance_is_the_distance_to_the_nearest_of_all_blocked_points_less_hal
     assert (space.clearance_at(blocked) < 0).all()
 
 
-def test_clearance_falls_on_outside_of_the_grid() -> None:
-    space = open_room()
-    inside, outside = space.clearance_at([[0.0, 4.0], [-2.0, 4.0]])
-    assert outside == pytest.approx(inside - 2.0)
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_away_leads_to_more_clearance(seed: int) -> None:
     """But on the ridge between two walls, which a step crosses."""
@@ -68,10 +62,6 @@ def test_away_leads_to_more_clearance(seed: int) -> None:
     gain = space.clearance_at(p + 0.02 * away) - space.clearance_at(p)
     assert np.mean(gain > 0.005) > 0.93
     assert np.median(gain) > 0.019
-
-
-def test_away_is_nothing_in_the_middle() -> None:
-    np.testing.assert_array_equal(open_room().away_at([[4.0, 4.0]]), [[0.0, 0.0]])
 
 
 def test_distance_in_the_open_is_the_straight_one_but_for_walls() -> None:
@@ -233,19 +223,3 @@ def test_distance_is_never_above_dijkstra_and_satisfies_the_equation() -> None:
     fall = field[others] - lower[others]
     assert fall.min() > 0
     assert np.all(fall <= cost[others] + 1e-3)
-
-
-@pytest.mark.parametrize("angle", np.deg2rad([0, 20, 45, 70]))
-def test_distance_in_the_open_is_euclidean_in_every_direction(angle: float) -> None:
-    cost = np.ones((121, 121))
-    field = distance(links(np.ones_like(cost, dtype=bool), cost), cost, 60 * 121 + 60)
-    j, i = np.rint(60 + 55 * np.array([np.cos(angle), np.sin(angle)])).astype(int)
-    assert field[i, j] == pytest.approx(np.hypot(i - 60, j - 60), rel=0.03)
-
-
-def test_what_is_cut_off_is_infinitely_far() -> None:
-    free = np.ones((5, 5), dtype=bool)
-    free[:, 2] = False
-    field = distance(links(free, np.ones((5, 5))), np.ones((5, 5)), 0)
-    assert np.isinf(field[:, 2:]).all()
-    assert np.isfinite(field[:, :2]).all()

@@ -52,15 +52,6 @@ def test_flat_ground_is_at_its_level(level: float) -> None:
     check_against_rays(field, spec, np.random.default_rng(0).uniform(*field.extent, (200, 2)))
 
 
-def test_compiled_data_times_size_plus_position_gives_the_heights_back() -> None:
-    field = random_field(np.random.default_rng(11))
-    spec = mujoco.MjSpec()
-    field.add_to(spec, "ground")
-    model = spec.compile()
-    heights = model.hfield_data.reshape(field.heights.shape) * model.hfield_size[0, 2] + model.geom("ground").pos[2]
-    np.testing.assert_allclose(heights, field.heights, atol=1e-6)
-
-
 def test_grid_points_have_their_own_heights_and_outside_the_nearest() -> None:
     field = random_field(np.random.default_rng(1))
     np.testing.assert_allclose(field.height_at(field.nodes.reshape(-1, 2)), field.heights.ravel(), atol=1e-12)

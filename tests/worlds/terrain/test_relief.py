@@ -7,7 +7,7 @@ import pytest
 
 from worlds.terrain.heightfield import Heightfield
 from worlds.terrain.polygons import rectangle, signed_distance
-from worlds.terrain.relief import fractal, noise, plateau, ramp, rubble, swell
+from worlds.terrain.relief import noise, plateau, ramp, rubble, swell
 
 GROUND = Heightfield.flat([[-4, -3], [4, 3]], 0.1)
 NODES = GROUND.nodes
@@ -24,10 +24,6 @@ def test_noise_is_bounded_smooth_and_the_same_again(period: float | tuple[float,
     rows, columns = period if isinstance(period, tuple) else (period, period)
     assert np.abs(np.diff(pattern, axis=0)).max() <= 2 * 1.875 / rows + 1e-5
     assert np.abs(np.diff(pattern, axis=1)).max() <= 2 * 1.875 / columns + 1e-5
-
-
-def test_fractal_is_bounded() -> None:
-    assert np.abs(fractal(np.random.default_rng(0), (50, 50), 20, 6)).max() <= 1
 
 
 def test_swell_stays_within_its_height() -> None:

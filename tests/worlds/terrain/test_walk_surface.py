@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import mujoco
 import numpy as np
 import pytest
@@ -87,29 +85,12 @@ def test_over_and_under_a_bridge() -> None:
     assert not feet.free_at([[6, 6], [6, 8]]).any()
 
 
-def test_without_decks_it_is_the_ground() -> None:
-    ground = FLAT.with_heights(swell(np.random.default_rng(0), FLAT.nodes, 2.0, 0.4))
-    points = np.random.default_rng(1).uniform(-1, 13, (500, 2))
-    np.testing.assert_array_equal(Terrain(ground).height_at(points), ground.height_at(points))
-    np.testing.assert_array_equal(Terrain(ground).normal_at(points), ground.normal_at(points))
-
-
 def test_a_deck_that_is_no_mesh_is_an_error() -> None:
     spec = mujoco.MjSpec()
     FLAT.add_to(spec, "ground")
     for name in ("ground", "deck7"):
         with pytest.raises(ValueError, match=f"deck is '{name}', needs the name of a mesh geom"):
             Decks.of(spec, [name])
-
-
-def test_the_feet_of_a_crowd_cost_less_than_a_millisecond() -> None:
-    terrain = scene(0, 60)[1]
-    points = np.random.default_rng(0).uniform(*FLAT.extent, (74 * 4, 2))
-    terrain.height_at(points)
-    start = time.process_time()
-    for _ in range(50):
-        terrain.height_at(points)
-    assert (time.process_time() - start) / 50 < 1e-3
 
 
 @pytest.mark.parametrize("name", ["tunnel", "ruins", "campus"])
