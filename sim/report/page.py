@@ -58,6 +58,8 @@ COLUMNS = (
     ("mota", "MOTA", 3), ("idf1", "IDF1", 3), ("hota", "HOTA", 3), ("misses", "misses", 0), ("false_positives", "false", 0),
     ("switches", "switches", 0), ("ate_m", "ATE [m]", 3),
 )  # fmt: skip
+OPTIONAL_PARTS = ("worst_figures", "overview_figures", "sweeps", "moments", "failed", "failed_unlisted", "causes", "provenance")
+"""Names that the template uses and that a page may leave out."""
 HEADINGS = {
     "moments": "Worst moments",
     "failed": "Runs that failed",
@@ -145,11 +147,11 @@ def write_report(folder: Path, out: Path | None = None, others: Sequence[Path] =
 
 
 def render(names: dict[str, Any]) -> str:
-    """Render a document from the names that the template uses."""
+    """Render a document from the names that the template uses; those of OPTIONAL_PARTS may be missing."""
     # The page is written without a server, so an undefined name must fail here and not leave a hole in the text.
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
     template = environment.from_string(TEMPLATE.read_text(encoding="utf-8"))
-    return template.render(page=names).lstrip()
+    return template.render(page=dict.fromkeys(OPTIONAL_PARTS, ()) | names).lstrip()
 
 
 def _names(content: PageContent) -> dict[str, Any]:

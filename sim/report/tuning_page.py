@@ -124,7 +124,6 @@ def _names(plan: SearchPlan, found: TunedResult, figures: dict[str, PageFigure])
         "headings": {"short": "In short", "contents": "On this page", **sections, **ends, "figures": "All figures", "words": "Glossary",
                      "again": "How to reproduce it"},
         "summary": _summary(plan, found),
-        "worst_figures": [],
         "overview_figures": [figures[name] for name in ("curve", "importance") if name in figures],
         "sweeps": [
             PageSweep(anchor, _sentences(found, anchor), [figures["gains"]] if anchor == "gains" else slices) for anchor in sections
@@ -135,10 +134,8 @@ def _names(plan: SearchPlan, found: TunedResult, figures: dict[str, PageFigure])
         "failed_unlisted": max(len(found.errors) - MOST_FAILED, 0),
         "tables": _tables(plan, found),
         "glossary": GLOSSARY,
-        "causes": [],
         "about_commands": "The same command continues the search. With one worker, it makes the same trials in another folder.",
         "commands": _command(plan),
-        "provenance": [],
         "made_by": "pilsim tune",
         "made_from": plural(found.trials, "trial"),
     }  # fmt: skip

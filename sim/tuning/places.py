@@ -10,7 +10,7 @@ from scipy import ndimage
 from tracker.geometry import Array, Mask
 from tracker.geometry.ground import Flat, Grid, Ground
 from worlds.catalogue import build
-from worlds.terrain.free_space import FreeSpace
+from worlds.terrain.free_space import FreeSpace, largest_region
 
 SPACING = 0.15
 """m: of the grid of free space in rooms, halls and squares."""
@@ -52,7 +52,7 @@ def floor(area: Array, furniture: Array, doors: int, rng: np.random.Generator, g
     for one_x, one_y, radius, bottom, _ in furniture:
         if bottom < 1.8:
             inside &= (x[None] - one_x) ** 2 + (y[:, None] - one_y) ** 2 > (radius + BODY_RADIUS) ** 2
-    free = FreeSpace(_largest(inside), origin, SPACING)
+    free = FreeSpace(largest_region(inside), origin, SPACING)
     seats = _seats(free, furniture, rng)
     return Surroundings(free, _border(free, doors, rng), _spots(free, rng), seats, np.array([low, high]), ground, furniture)
 
@@ -81,12 +81,6 @@ def outdoor(name: str, difficulty: float, rng: np.random.Generator) -> tuple[Sur
     area = np.array([points.min(axis=0), points.max(axis=0)]).round(2)
     occluders = Grid(np.round(tops.heights, 3), tops.origin, tops.spacing)
     return Surroundings(world.feet, doors, spots, np.zeros((0, 2)), area, ground, occluders=occluders), world.wheels
-
-
-def _largest(free: Mask) -> Mask:
-    """The largest connected part of a grid."""
-    labels, _ = ndimage.label(free)
-    return np.asarray(labels == 1 + int(np.argmax(np.bincount(labels.ravel())[1:])))
 
 
 def _spots(free: FreeSpace, rng: np.random.Generator) -> Array:

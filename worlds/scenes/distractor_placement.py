@@ -6,12 +6,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
 
 from worlds.engine import mujoco
 from worlds.props.distractors import MAKERS, STREET
 from worlds.props.furniture import SEATINGS, SINK, Piece, single_chair
-from worlds.terrain.free_space import FEET, WHEELS, FreeSpace
+from worlds.terrain.free_space import FEET, WHEELS, FreeSpace, largest_region
 from worlds.terrain.heightfield import Array, Mask
 from worlds.terrain.polygons import signed_distance, turned
 from worlds.textures.furniture_atlas import atlas
@@ -140,10 +139,7 @@ def _without(space: FreeSpace, corners: Array, half_width: float) -> FreeSpace |
     x, y = (space.origin[k] + space.spacing * np.arange(n) for k, n in ((0, columns), (1, rows)))
     taken = signed_distance(np.stack(np.meshgrid(x, y), axis=-1), corners) <= half_width + 0.5 * space.spacing
     left: Mask = space.free & ~taken
-    labels, regions = ndimage.label(left)
-    if not regions:
+    joined = largest_region(left)
+    if not joined.any() or joined.sum() < LEAST_REMAINING * left.sum():
         return None
-    sizes = np.bincount(labels.ravel())[1:]
-    if sizes.max() < LEAST_REMAINING * left.sum():
-        return None
-    return FreeSpace(labels == 1 + int(np.argmax(sizes)), space.origin, space.spacing)
+    return FreeSpace(joined, space.origin, space.spacing)

@@ -281,11 +281,16 @@ def free_space(ground: Heightfield, obstacles: Mask, limits: Limits) -> FreeSpac
     blocked[[0, -1]] = blocked[:, [0, -1]] = True
     distance = ndimage.distance_transform_edt(~blocked) * ground.spacing
     # The obstacle's own edge lies up to half a cell before its first blocked grid point.
-    labels, count = ndimage.label(distance > limits.half_width + 0.5 * ground.spacing)
-    if count == 0:
+    free = largest_region(distance > limits.half_width + 0.5 * ground.spacing)
+    if not free.any():
         raise ValueError(f"no place has {limits.half_width} m clearance: nothing is free")
-    sizes = np.bincount(labels.ravel())[1:]
-    return FreeSpace(labels == 1 + int(np.argmax(sizes)), ground.origin, ground.spacing)
+    return FreeSpace(free, ground.origin, ground.spacing)
+
+
+def largest_region(free: Mask) -> Mask:
+    """The largest connected part of a grid (rows, columns); nothing where nothing is free."""
+    labels, _ = ndimage.label(free)
+    return np.asarray(labels == 1 + int(np.argmax(np.bincount(labels.ravel())[1:]))) if free.any() else np.zeros_like(free)
 
 
 def walkers_spaces(name: str, ground: Heightfield, obstacles: Mask | tuple[Mask, Mask], least: tuple[float, float]) -> tuple[FreeSpace, FreeSpace]:
