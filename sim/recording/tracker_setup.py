@@ -10,8 +10,8 @@ import numpy as np
 
 from sim.cameras import Rig, RigView
 from sim.pedestrian import skeleton
+from sim.recording.frames import clocks_of
 from sim.recording.shots import MountedRig, mounted_rigs, rig_of
-from sim.recording.view_times import clocks_of
 from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
 from tracker.geometry import Pose

@@ -3,7 +3,7 @@
 Read `population.py` first."""
 
 from sim.tuning.case_file import PopulationCase
-from sim.tuning.evaluation import evaluate
 from sim.tuning.population import population
+from sim.tuning.scoring import evaluate
 
 __all__ = ["PopulationCase", "evaluate", "population"]

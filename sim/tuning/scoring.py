@@ -1,22 +1,30 @@
-"""The score of a tracker with given parameters on a case, as workers compute it; an error is told by its one line."""
+"""Scores of a tracker on a synthetic case, on the ground: HOTA, MOTA, IDF1 and what they are made of; an error is told by its one line."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+import math
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sim.stress.tracker_under_test import load_tracker
+from sim.stress.tracker_under_test import check_estimates, load_tracker
 from sim.tuning.case_file import PopulationCase
-from sim.tuning.evaluation import evaluate
 from sim.tuning.population import kind_of, population_case
 from sim.tuning.user_cameras import KIND, UserCameras, user_case
+from tracker.metrics.clear_mot import score
+from tracker.metrics.evaluation import matching_frames
 from tracker.parameter_file import Value, with_fields
-from tracker.pipeline import Parameters
+from tracker.pipeline import Parameters, track
+from tracker.sequence.results import Results
+from tracker.types import Estimate, Setup, Tick
+from tracker.types.truth import evaluated_people
 
+Track = Callable[[Setup, Iterable[Tick]], Iterable[Estimate]]
+FIGURES = ("hota", "mota", "idf1", "misses", "false_positives", "switches", "motp_m", "truths")
 WORST = 0.1
 """Share of cases whose mean stands beside that of all."""
 OBJECTIVES = ("hota", "mota", "idf1", "hota-worst", "mota-worst", "idf1-worst")
@@ -48,8 +56,30 @@ class Candidate:
     values: Mapping[str, Value] = field(default_factory=dict)
 
 
+def evaluate(case: PopulationCase, tracker: Track | Parameters | None = None) -> dict[str, float]:
+    """Track a case and score it as `pilsim score` does, with distances of at most 1 m: figures by FIGURES, and `seconds` of processor time.
+
+    tracker: a function like tracker.pipeline.track, or parameters of pilsim's own, which is then as late as the case allows.
+    People whom no camera sees do not count. A case in which nobody counts has figures of NaN.
+    Raises the errors of the tracker, and ValueError where its estimates are not valid.
+    """
+    sequence = case.recording.sequence()
+    assert sequence.truth is not None
+    ticks, began = list(sequence.ticks), time.process_time()
+    if tracker is None or isinstance(tracker, Parameters):
+        estimates = track(sequence.setup, ticks, replace(tracker or Parameters(), delay=case.delay))
+    else:
+        estimates = tracker(sequence.setup, ticks)  # type: ignore[assignment]
+    results = Results.of(check_estimates("under test", estimates, sequence.setup, ticks), {})
+    seconds = time.process_time() - began
+    people = {t.index: (t.person_id, t.feet) for t in sequence.truth}
+    found = score(matching_frames(people, results.tracks, evaluated_people(sequence.truth, sequence.setup.period))).to_dict()
+    figures = {name: math.nan if found[name] is None else float(found[name] or 0.0) for name in FIGURES}
+    return figures | {"seconds": seconds}
+
+
 def score_case(source: CaseSource, number: int, candidate: Candidate) -> dict[str, Any]:
-    """Figures of evaluation.FIGURES and `seconds`, or `error` in one line that names the case. It raises nothing but KeyboardInterrupt."""
+    """Figures of FIGURES and `seconds`, or `error` in one line that names the case. It raises nothing but KeyboardInterrupt."""
     name = f"case {number}"
     try:
         case = source.case(number)

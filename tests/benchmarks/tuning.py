@@ -25,9 +25,8 @@ import numpy as np
 from joblib import Parallel, delayed
 from scipy.stats import spearmanr
 
-from sim.tuning.evaluation import evaluate
 from sim.tuning.population import drawn_case, kind_of
-from sim.tuning.scoring import Candidate, CaseSource, score_case
+from sim.tuning.scoring import Candidate, CaseSource, evaluate, score_case
 from sim.tuning.space import OWN_SPACE, own_defaults, read_space
 from tests.benchmarks.one_tracker import DELAY, Source, all_rows, outcome
 from tracker.io.progress import progress_bar

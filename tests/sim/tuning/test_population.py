@@ -13,10 +13,10 @@ import pytest
 
 from sim.tuning.case_file import VERSION, PopulationCase, read_case, write_case
 from sim.tuning.detectors import SCALES, ConfidenceScale
-from sim.tuning.evaluation import evaluate
 from sim.tuning.kinds import BLOCK, scene
 from sim.tuning.places import floor, reached
 from sim.tuning.population import PopulationKey, case_of, kind_of, population
+from sim.tuning.scoring import evaluate
 from sim.tuning.walks import LEAST_SPACING, Habits, Walkers, walks
 from tracker.geometry.ground import Grid
 from tracker.types import Estimate, Setup, Tick

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.tuning.evaluation import evaluate
+from sim.tuning.scoring import evaluate
 from sim.tuning.user_cameras import open_cameras, user_case
 from tracker.formats.source_options import SourceOptions
 from tracker.geometry.cameras import Pinhole
