@@ -76,13 +76,6 @@ def test_the_same_start_gives_the_same_end_and_states_stay():
         state.position[0] = 0.0
 
 
-def test_one_more_person_leaves_the_plans_of_the_others():
-    few, many = crowd_of(yard(), 3, 4)[0].plans, crowd_of(yard(), 3, 5)[0].plans
-    for name in ("itinerary", "speed", "group", "pauses"):
-        np.testing.assert_array_equal(getattr(few, name), getattr(many, name)[:4])
-    np.testing.assert_array_equal(few.goals, many.goals)
-
-
 def test_a_lone_walker_reaches_the_preferred_speed_and_the_goal():
     crowd, state = crossing(field(), np.array([[-8.0, 0.0]]), np.array([[8.0, 0.0]]))
     states = history(crowd, state, 16.0)

@@ -8,7 +8,7 @@ from sim.rendering.cubemap import FaceTable
 from sim.rendering.draw_list import TRIANGLES_PER_PIXEL, DrawCommands, DrawList, classes
 from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
-from tests.sim.scenes import G, court
+from tests.sim.scenes import G
 from tracker.geometry import Pose
 from tracker.geometry.cameras import Panorama
 from worlds.semantics import CLASSES
@@ -82,24 +82,6 @@ def test_groups_and_invisible_things_are_left_out() -> None:
     listed.update(data)
     ahead = listed.visible_from(Pose.planar(-9.0, 2.0, 0.0), PLANES, 40.0)[0]
     assert sorted(model.geom(int(listed.geom[k])).name for k in drawn(ahead)) == ["g0", "g1", "g2", "g3"]
-
-
-def test_colours_are_the_materials_unless_a_geom_has_its_own() -> None:
-    spec = mujoco.MjSpec()
-    spec.add_material(name="red", rgba=[1, 0, 0, 1], emission=0.5)
-    spec.worldbody.add_geom(type=G.mjGEOM_BOX, size=[0.1] * 3, material="red")
-    spec.worldbody.add_geom(type=G.mjGEOM_BOX, size=[0.1] * 3, material="red", rgba=[0, 1, 0, 1])
-    records = DrawList(spec.compile()).records
-    assert records["rgba"].tolist() == [[1, 0, 0, 1], [0, 1, 0, 1]]
-    assert records["shine"][:, 0].tolist() == [0.5, 0.5]
-
-
-def test_every_tile_of_the_ground_is_a_record_of_one_geom() -> None:
-    scene = court()
-    listed = DrawList(scene.model)
-    ground = scene.model.geom("ground").id
-    assert (listed.geom == ground).sum() == len(listed.buffers.hfield[0]) > 1
-    assert (listed.records["code"] == listed.geom + 1).all()
 
 
 def test_what_cannot_be_drawn_is_refused() -> None:

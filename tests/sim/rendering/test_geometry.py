@@ -24,12 +24,6 @@ def test_round_shapes_fill_what_they_should(resolution: tuple[int, int]) -> None
     assert (1 - lacking) * rod < volume(cylinder(*resolution), (0.3, 0.3, 0.7)) < rod
 
 
-def test_a_box_is_a_box_and_a_plane_looks_up() -> None:
-    assert volume(box(), (1, 2, 3)) == pytest.approx(48)
-    corners = plane().vertices[:, :3][plane().triangles]
-    assert (np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2] > 0).all()
-
-
 @pytest.mark.parametrize("shape", [sphere(20, 12), capsule(14, 8), cylinder(10, 6), box(), plane()])
 def test_normals_are_unit_and_on_the_side_of_their_triangles(shape: Shape) -> None:
     assert np.linalg.norm(shape.vertices[:, 4:7], axis=1) == pytest.approx(1, abs=1e-6)
@@ -57,15 +51,6 @@ def test_a_mesh_keeps_its_volume_and_has_its_levels_of_detail() -> None:
     numbers = [int(shapes.mesh[model.mesh(name).id]) for name in ("rock", "rock@1", "rock@2", "other")]
     assert list(dict.fromkeys(shapes.levels[numbers[0]])) == numbers[:3]
     assert set(shapes.levels[numbers[3]]) == {numbers[3]}
-
-
-def test_shapes_lie_one_after_the_other() -> None:
-    shapes = ShapeBuffers.of(pyramid_model())
-    assert shapes.first[0] == shapes.base[0] == 0
-    assert (np.diff(shapes.first) == shapes.count[:-1]).all()
-    for k in range(len(shapes.first)):
-        own = shapes.indices[shapes.first[k] : shapes.first[k] + shapes.count[k]]
-        assert shapes.base[k] + own.max() < (shapes.base[k + 1] if k + 1 < len(shapes.base) else len(shapes.vertices))
 
 
 def test_tiles_of_a_height_field_are_its_whole_surface_once() -> None:

@@ -4,26 +4,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim.rendering.cubemap import CUBE
-from sim.rendering.shaders import MOST_LIGHTS, Lights, projection, shadow_view
-from tracker.geometry import Pose
-
-EDGES = np.array([-1.0, -0.5, 2.0, 0.5])
-
+from sim.rendering.shaders import MOST_LIGHTS, Lights, shadow_view
 
 def clip(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
     out = np.column_stack([points, np.ones(len(points))]) @ matrix.T
     return out[:, :3] / out[:, 3:]
-
-
-@pytest.mark.parametrize("face", range(6))
-def test_the_edges_of_a_face_are_the_edges_of_clip_space(face: int) -> None:
-    pose, near, far = Pose.exp([1, 2, 3, 0.3, -0.2, 0.9]), 0.1, 50.0
-    forward, right, up = CUBE[face]
-    corners = [depth * (forward + x * right + y * up) for depth in (near, far) for x in EDGES[[0, 2]] for y in EDGES[[1, 3]]]
-    found = clip(projection(pose, CUBE[face], EDGES, (near, far)), np.array(corners) @ pose.rotation.T + pose.translation)
-    wanted = [[x, y, z] for z in (1, 0) for x in (-1, 1) for y in (-1, 1)]
-    np.testing.assert_allclose(found, wanted, atol=1e-9)
 
 
 @pytest.mark.parametrize("direction", [[0.3, 0.1, -1], [0, 0, -1], [1, 0, -0.2]])

@@ -12,7 +12,7 @@ import pytest
 
 from sim.confidence_intervals import bounds_of, mean_interval
 from sim.report.page import TEMPLATE, write_report
-from sim.report.plots import Bars, Line, Plot, inline
+from sim.report.plots import inline
 from sim.report.rows import read_rows
 from tests.sim import stress_rows
 from tests.sim.browser import CHROMIUM, Browser
@@ -145,12 +145,6 @@ def test_two_svgs_share_no_id_and_numbers_of_an_axis_are_not_rounded() -> None:
     assert inline(svg, "x") == '<svg viewBox="0 0 3 4"><path id="x-a"/><use href="#x-a" style="clip-path: url(#x-a)"/></svg>'
     svg = '<svg viewBox="0 0 3.14159 4"><path d="M 0.123456 1"/><text x="1.98765">0.0125</text></svg>'
     assert inline(svg, "x") == '<svg viewBox="0 0 3.14 4"><path d="M 0.12 1"/><text x="1.98">0.0125</text></svg>'
-
-
-def test_plots_in_words() -> None:
-    line = Line("mine", (mean_interval([0.5, 0.7]), None))
-    assert Plot("p", "Title", (1, 2), "people", "MOTA", (line,)).in_words() == "Title, by people. mine: 1: 0.60 (−0.67 to 1.87)."
-    assert Plot("p", "Title", ("a", "b"), "x", "lost", Bars({"poses": (0.1, 0.25)})).in_words() == "Title, by x. poses: a: 0.1, b: 0.25."
 
 
 @pytest.mark.command

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from sim.scenario import Scenario
-from sim.stress.bounds import HEAD, ate_bound, box_information, clique_gap, map_score, mean_distance, target_bound
+from sim.stress.bounds import HEAD, ate_bound, box_information, clique_gap, map_score, mean_distance
 from sim.stress.sweeps import Case
-from sim.stress.trial_data import TrialData, simulate_case
+from sim.stress.trial_data import TrialData
 from tests.tracker.slam.test_inter_robot import with_robot_detections
 from tests.tracker.walled_room import Room, simulate
 from tracker.clique.local_search import Graph
@@ -129,19 +129,3 @@ def test_the_information_of_a_box_is_that_of_its_edges() -> None:
     J = np.stack([(angles(step * axis) - angles(-step * axis)) / (2 * step) for axis in np.eye(2)], axis=1)
     expected = J.T @ np.diag([2.0, 1.0, 1.0]) @ J / variance
     np.testing.assert_allclose(box_information(eye, variance), expected, rtol=1e-6)
-
-
-def bound(noise: float, **changes: float) -> float:
-    scenario = Scenario(seed=1006, robots=1, people=3, frames=8, width=256, bearing_noise=noise, **changes)
-    data: TrialData = simulate_case(Case("box_noise/0", "box_noise", "bearing_noise", noise, scenario), rendered=False)
-    found = target_bound(data)
-    assert found is not None
-    return found
-
-
-@pytest.mark.soak
-def test_worse_boxes_and_fewer_of_them_raise_the_bound() -> None:
-    sharp, blunt, rare = bound(0.005), bound(0.02), bound(0.02, misses=0.7)
-    assert sharp < blunt < rare
-    # The motion model adds information, so that four times the noise is less than four times the bound.
-    assert blunt < 4 * sharp
