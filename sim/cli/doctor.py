@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import importlib
-import os
 import platform
 import time
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from sim.cli.options import json_text
+from sim.parallel.pool import usable_cores
 from sim.rendering.gl_context import GLUnavailable, choose_gl
 
 PACKAGES = {"pilsim": "pilsim", "mujoco": "mujoco", "numpy": "numpy", "opencv": "opencv-python-headless", "numba": "numba"}
@@ -43,7 +43,7 @@ def examine(seconds: float = 3.0) -> dict[str, Any]:
     report: dict[str, Any] = {
         "versions": {"python": platform.python_version()} | {name: _version(package) for name, package in PACKAGES.items()},
         "platform": platform.platform(),
-        "cores": len(os.sched_getaffinity(0)) if platform.system() == "Linux" else os.cpu_count(),
+        "cores": usable_cores(),
         "backend": None,
         "gl": None,
         "speed": None,

@@ -6,6 +6,7 @@ import pytest
 
 from sim.rendering.shaders import MOST_LIGHTS, Lights, shadow_view
 
+
 def clip(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
     out = np.column_stack([points, np.ones(len(points))]) @ matrix.T
     return out[:, :3] / out[:, 3:]
