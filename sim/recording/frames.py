@@ -16,8 +16,7 @@ import numpy as np
 from sim.cameras.view_clock import TimedPicture, ViewClock, parse_view_clocks
 from sim.rendering.panorama import RenderedImage
 from sim.scenario import Scenario
-from sim.sensors.raycast_camera import RaycastCamera
-from sim.sensors.robot_detector import RobotDetector, is_rover_panorama
+from sim.sensors.raycast_camera import RaycastCamera, RobotDetector, is_rover_panorama
 from sim.sensors.robot_sensors import RobotSensors
 from sim.sensors.true_boxes import People
 from sim.sensors.view_detectors import ViewDetectors

@@ -21,10 +21,9 @@ from sim.report.page import PageFigure, PageMoment, PageSweep, PageTable, render
 from sim.report.pictures import Picture, jpeg
 from sim.report.plots import Bars, Line, Plot, save
 from sim.tuning.case_file import PopulationCase
-from sim.tuning.held_out import ALL, HeldOut
 from sim.tuning.search import SearchPlan
 from sim.tuning.space import SearchRange
-from sim.tuning.tuned import TunedResult, gain_text
+from sim.tuning.tuned import ALL, HeldOut, TunedResult, gain_text
 from tracker.geometry import Array
 from tracker.io.atomic import new_file, write_text
 from tracker.recordings import RecordingCamera

@@ -13,7 +13,7 @@ from sim.recording.frames import Frame, raycast_frames
 from sim.recording.record import record
 from sim.recording.tracker_setup import make_setup
 from sim.scenario import Scenario
-from sim.sensors.robot_detector import RobotDetector
+from sim.sensors.raycast_camera import RobotDetector
 from sim.simulation.simulation import Simulation
 from sim.stress.faults import Faults
 from tests.sim.yard import yard

@@ -19,10 +19,10 @@ import numpy as np
 import pytest
 
 from sim.tuning.case_file import PopulationCase, case_path, write_case
-from sim.tuning.held_out import HeldOut
 from sim.tuning.kinds import scene
 from sim.tuning.population import PopulationKey, case_of, kind_of
 from sim.tuning.scoring import objective_value
+from sim.tuning.tuned import HeldOut
 from tests.benchmarks.nearest_neighbour import nearest_neighbour
 from tests.commands import pilsim
 from tracker.parameter_file import read_parameters
