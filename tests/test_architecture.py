@@ -80,7 +80,7 @@ LAYERS: dict[str, dict[str, set[str]]] = {
         "training": {"datasets", "sensors", "simulation", "rendering", "parallel", "scenario"},
         "policies": {"placement", "simulation", "robots", "parallel", "scenario", "confidence_intervals"},
         "stress": {"policies", "datasets", "recording", "sensors", "visualization", "parallel", "scenario"},
-        "prediction": {"stress", "parallel", "confidence_intervals"},
+        "prediction": {"stress", "datasets", "recording", "parallel", "confidence_intervals"},
         "tuning": {"stress", "prediction", "parallel", "confidence_intervals"},
         "report": {"stress", "prediction", "tuning", "confidence_intervals", "placement", "policies"},
         "studies": {"recording", "stress", "scenario"},

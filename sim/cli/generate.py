@@ -91,7 +91,7 @@ class Generate:
     cameras: Annotated[str | None, unset("NAME,...", "all; 1 of PETS 2009")] = None
     """Names or numbers of the cameras of a twin, as in 1,5,7."""
     render: bool = True
-    """Render images. With --no-render, boxes of fixed cameras are by ray casting, there are no rovers, and a recording is written."""
+    """Render images. With --no-render, boxes are by ray casting, robots have odometry and each other, and a recording is written."""
     workers: Annotated[int | None, unset("INT", "one a core")] = None
     """Number of processes that draw on this machine; the bytes are the same with any number."""
     scene: Annotated[OmitArgPrefixes[SceneOptions], arg(name="scene")] = SceneOptions()

@@ -70,7 +70,7 @@ def command_line(command: Any, without: Container[str], repeated: Container[str]
     for option, value, usual in options_of(command):
         flag = f"--{option.replace('_', '-')}"
         if option == "source":
-            words.append(str(value))
+            words += [] if value is None else [str(value)]
         elif value == usual or option in without:
             continue
         elif option in repeated:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from sim.cli.options import command_line, json_text, locked, unset
+from sim.cli.scenario_options import SceneOptions, Whole, given
 from sim.cli.stress import TrackerOptions
 from sim.cli.track import SourceChoice
 from tracker.options import Ending, Least
 
 if TYPE_CHECKING:
+    from sim.datasets.presets import Preset
     from sim.prediction.predict import PredictionPlan
     from sim.prediction.prediction import Cells
 
@@ -28,18 +30,23 @@ class Predict:
     several seeds. A tracker runs on these twins and on the real boxes. Scores and
     errors by cause stand side by side. Nothing is rendered.
 
+    In a place of which there is no recording yet, --world simulates people before its
+    cameras, and before robots. Each seed has other paths, and of a world of pilsim
+    another place of that kind.
+
     Examples: pilsim predict MY_RECORDING --delay 5
               pilsim predict CMC1 --detections CMC1/detections-faster-rcnn --beside independent
               pilsim predict PETS2009/S2.L1 --cameras 1,5,7 --fit 0:400 --seeds 10 --out prediction.json
               pilsim predict WILDTRACK --cameras 1,2,3 --detector-model fairmot
+              pilsim predict --world house.glb --fixed-cameras 3 --people 12 --detector-model fairmot
     """
 
-    source: Annotated[Positional[Path], arg(metavar="SOURCE")]
+    source: Positional[Annotated[Path | None, unset("[SOURCE]", "--world")]] = None
     """A recording with truth, PETS 2009 or WILDTRACK."""
     fit: Annotated[str, unset("A:B", "the first half")] = ""
     """Frames of the fit. The frames after them are predicted, or those before where none follow."""
     detector_model: Annotated[str, unset("FILE|NAME", "fitted to the source")] = ""
-    """Predict with this detector in place of the fitted one; all frames are used. A source without detections needs it."""
+    """Predict with this detector in place of the fitted one; all frames are used. A source without detections needs it; with --world: independent."""
     beside: Annotated[tuple[str, ...], arg(metavar="NAME", help_behavior_hint="(default: none)")] = ()
     """Other detectors to show beside, as independent or fairmot."""
     seeds: Annotated[int, Least(1)] = 5
@@ -56,6 +63,10 @@ class Predict:
     """These options choose what of a source is read, and replace or degrade its detections."""
     subject: Annotated[OmitArgPrefixes[TrackerOptions], arg(name="tracker")] = TrackerOptions()
     """These options choose the tracker."""
+    scene: Annotated[OmitArgPrefixes[SceneOptions], arg(name="place")] = SceneOptions()
+    """A place in place of SOURCE, and who is in it: 10 people and no robots, for 60 frames or the end of --frames, 6 a second."""
+    fixed_cameras: Whole = None
+    """Number of fixed cameras in the place; 4 without robots. MJCF has its own."""
 
     def run(self) -> None:
         from sim.parallel.pool import Pool
@@ -70,7 +81,8 @@ class Predict:
             bar = partial(progress_bar, desc="runs", unit="run", leave=False, disable=self.json)
             found = predict(plan, pool if self.workers > 1 else None, bar)
             by = plan.tracker
-            record = PredictionRecord(str(self.source), by.name, by.options, plan.seeds, self._command(), versions(), found)
+            subject = str(self.source or self.scene.world)
+            record = PredictionRecord(subject, by.name, by.options, plan.seeds, self._command(), versions(), found)
             text = json_text(record.to_dict(), indent=1)
             if self.out is not None:
                 write_text(self.out, text + "\n")
@@ -79,8 +91,8 @@ class Predict:
             return
         first, end = found.frames
         fitted = "" if found.fit_frames is None else f"; models of {found.fit_frames[0]}:{found.fit_frames[1]}"
-        cameras = ", ".join(found.cameras)
-        print(f"{self.source}: {found.people} people in frames {first}:{end} of {cameras}{fitted}; {self.seeds} twins, intervals of one run, 95 %")
+        cameras, runs = ", ".join(found.cameras), ("run" if self.source is None else "twin") + "s" * (self.seeds > 1)
+        print(f"{subject}: {found.people} people in frames {first}:{end} of {cameras}{fitted}; {self.seeds} {runs}, intervals of one run, 95 %")
         if (errors := found.truth_errors) is not None:
             off = f"{errors['by_place']:.2f} m by place and {errors['deviation']:.2f} m by person"
             print(f"All views agree that the truth is off by {off}, and that statures differ by {100 * errors['stature']:.0f} %; twins do, too.")
@@ -95,17 +107,41 @@ class Predict:
     def _plan(self) -> PredictionPlan:
         from sim.prediction.halves import parse_frames
         from sim.prediction.predict import FITTED, PredictionPlan
-        from tracker.detector_models.model import chosen_model
+        from tracker.detector_models.model import INDEPENDENT, chosen_model
 
         if self.fit and self.detector_model:
             raise ValueError("--fit and --detector-model exclude each other: the detector is fitted, or named")
-        detectors = {self.detector_model or FITTED: chosen_model(self.detector_model) if self.detector_model else FITTED}
+        place = self._place()
+        if place is not None:
+            chosen = self.detector_model or INDEPENDENT
+            detectors = {chosen: chosen_model(chosen)}
+        else:
+            detectors = {self.detector_model or FITTED: chosen_model(self.detector_model) if self.detector_model else FITTED}
         detectors |= {name: chosen_model(name) for name in self.beside}
         if self.subject.results is not None:
             raise ValueError("--results holds tracks made elsewhere, and a prediction tracks its twins; --tracker takes a function")
         fit = parse_frames(self.fit, "--fit") if self.fit else None
         seeds = tuple(range(self.first_seed, self.first_seed + self.seeds))
-        return PredictionPlan(self.source, self.part.options(images=False), self.subject.chosen(), detectors, fit, seeds)
+        source = self.part.options(images=False)
+        return PredictionPlan(self.source or Path(), source, self.subject.chosen(), detectors, fit, seeds, place)
+
+    def _place(self) -> Preset | None:
+        """The place, its people, cameras and robots; None for a recording. Raises ValueError where it is not one of both."""
+        from sim.datasets.presets import preset_of
+        from sim.prediction.halves import parse_frames
+
+        changes = given(self.scene) | ({} if self.fixed_cameras is None else {"views": self.fixed_cameras})
+        if (self.source is None) == (self.scene.world is None) or (self.source is not None and changes):
+            raise ValueError("needs either SOURCE, a recording, or --world and its people, robots and cameras")
+        if self.source is not None:
+            return None
+        if self.fit or replace(self.part, frames="") != SourceChoice():
+            raise ValueError(f"{self.scene.world}: --fit and the choice of data are for recordings; a place takes --frames 0:END")
+        first, end = parse_frames(self.part.frames or "0:60", "--frames")
+        if first:
+            raise ValueError(f"--frames is {self.part.frames}, needs 0:END of a place")
+        robots = self.scene.robots or 0
+        return preset_of("pilsun", {"robots": robots, "views": 0 if robots else 4} | changes | {"frames": end, "width": 512})
 
 
 def _aligned(head: Cells, *lines: Cells) -> list[str]:

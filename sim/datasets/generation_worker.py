@@ -39,12 +39,8 @@ class SequenceTask:
     cluster: str | None = None
 
     def cast(self) -> None:
-        """Write a recording by ray casting in place of the sequence. Raises ValueError as `run`, and for rovers, whose SLAM needs images."""
-        if self.preset.scenario.robots:
-            raise ValueError(f"robots is {self.preset.scenario.robots}, needs 0 without rendering: the SLAM of rovers needs images")
-        if not self.preset.views:
-            raise ValueError("views is 0, needs a fixed camera without rendering")
-        write_raycast_recording(self._recording(None), self.folder)
+        """Write a recording by ray casting in place of the sequence. Raises ValueError as `run`."""
+        write_raycast_recording(self.simulated(), self.folder)
 
     @property
     def complete(self) -> bool:
@@ -88,9 +84,10 @@ class SequenceTask:
             if not self.complete:
                 count = min(self.workers, self.preset.scenario.frames) if self.cluster is None else 1
                 with drawing_workers(count) as drawing:
-                    write_sequence(self._recording(drawing), self.folder)
+                    write_sequence(self.simulated(drawing), self.folder)
 
-    def _recording(self, drawing: DrawingWorkers | None) -> SimulatedSequence:
+    def simulated(self, drawing: DrawingWorkers | None = None) -> SimulatedSequence:
+        """The simulation of the preset at its first frame, with its fixed cameras. Raises ValueError as `run`."""
         scenario = self.preset.scenario
         world = catalogue.build(scenario.world, scenario.stream("world"), scenario.difficulty)
         world = confine(world, self.preset.ground, scenario.stream("world/confined"))

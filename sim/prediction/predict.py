@@ -1,15 +1,22 @@
-"""The prediction of a tracker's scores on a recording: twins of its second part by models fitted to its first, beside the real boxes."""
+"""The prediction of a tracker's scores.
+
+On a recording: twins of its second part by models fitted to its first, beside the real boxes. In a place: simulated people before its cameras.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from sim.datasets.generation_worker import SequenceTask
+from sim.datasets.presets import Preset
 from sim.parallel.pool import Pool
 from sim.prediction.halves import FittedViews, Halves, fit_views, open_halves, twin
 from sim.prediction.prediction import FIGURES, Forecast, Frames, Outcome, Prediction
+from sim.recording.frames import raycast_frames
+from sim.recording.tracker_setup import make_setup
 from sim.stress.error_causes import count_causes, find_mistakes, gather_evidence
 from sim.stress.sweeps import RECORDED, Case, default_scenario
 from sim.stress.tracker_under_test import TrackerUnderTest
@@ -20,6 +27,8 @@ from tracker.formats.source_options import SourceOptions
 from tracker.metrics.clear_mot import score
 from tracker.metrics.evaluation import matching_frames
 from tracker.recordings import Recording
+from tracker.sequence.writer import ImageForm
+from tracker.types import Setup, Tick, Truth
 from tracker.types.truth import evaluated_people
 
 FITTED = "fitted"
@@ -31,13 +40,18 @@ def outcome(recording: Recording, tracker: TrackerUnderTest, run: str) -> Outcom
     """Track a recording with truth and score it as `pilsim score` does. run: NAME/SEED, by which tracks made elsewhere are found."""
     sequence = recording.sequence()
     assert sequence.truth is not None
-    ticks = list(sequence.ticks)[: len(sequence.truth)]
-    results = tracker.results_of(sequence.setup, ticks, run)
-    people = {t.index: (t.person_id, t.feet) for t in sequence.truth}
-    found: dict[str, Any] = score(matching_frames(people, results.tracks, evaluated_people(sequence.truth, sequence.setup.period))).to_dict()
+    return _tracked(sequence.setup, list(sequence.ticks)[: len(sequence.truth)], sequence.truth, (tracker, run))
+
+
+def _tracked(setup: Setup, ticks: list[Tick], truth: tuple[Truth, ...], by: tuple[TrackerUnderTest, str]) -> Outcome:
+    """Track ticks and score them. by: the tracker, and the name of the run."""
+    tracker, run = by
+    results = tracker.results_of(setup, ticks, run)
+    people = {t.index: (t.person_id, t.feet) for t in truth}
+    found: dict[str, Any] = score(matching_frames(people, results.tracks, evaluated_people(truth, setup.period))).to_dict()
     figures = {name: float("nan") if found[name] is None else float(found[name]) for name in FIGURES}
     case = Case("prediction", "prediction", "seed", run, default_scenario(), source=RECORDED)
-    data = TrialData(case, sequence.setup, ticks, sequence.truth, [{} for _ in ticks], sequence.setup, ticks, {})
+    data = TrialData(case, setup, ticks, truth, [{} for _ in ticks], setup, ticks, {})
     return Outcome(figures, count_causes(find_mistakes(gather_evidence(data, results))))
 
 
@@ -47,6 +61,7 @@ class PredictionPlan:
 
     path, options: the recording. fit_frames: of the fit, None for the first half. detectors: FITTED, INDEPENDENT, or a model as `chosen_model` gives
     it, by the name shown. The first is the prediction. seeds: of the twins.
+    place: in place of the recording, the place, its people, cameras and robots; each seed has other paths. FITTED is not possible there.
     """
 
     path: Path
@@ -55,6 +70,7 @@ class PredictionPlan:
     detectors: Mapping[str, str] = field(default_factory=lambda: {FITTED: FITTED})
     fit_frames: Frames | None = None
     seeds: tuple[int, ...] = tuple(range(5))
+    place: Preset | None = None
 
 
 def predict(plan: PredictionPlan, pool: Pool | None = None, progress: Progress | None = None) -> Prediction:
@@ -65,6 +81,8 @@ def predict(plan: PredictionPlan, pool: Pool | None = None, progress: Progress |
     """
     if not plan.seeds:
         raise ValueError("seeds are none, needs at least one")
+    if plan.place is not None:
+        return _predict_place(plan, plan.place, pool, progress)
     halves = open_halves(plan.path, plan.options, plan.fit_frames, FITTED in plan.detectors.values())
     calls, names = list[tuple[Source, FittedViews | None, TrackerUnderTest, int]](), list[str]()
     errors: dict[str, Any] | None = None
@@ -75,12 +93,39 @@ def predict(plan: PredictionPlan, pool: Pool | None = None, progress: Progress |
         names += [name] * len(plan.seeds)
     if halves.real:
         calls.append((halves.tried, None, plan.tracker, 0))
-    done = (_outcome(*call) for call in calls) if pool is None else pool.results(_outcome, calls)
-    found = list(done if progress is None else progress(done, total=len(calls)))
-    forecasts = {name: Forecast.of([one for one, other in zip(found, names, strict=False) if other == name]) for name in plan.detectors}
+    found = _run(_outcome, calls, pool, progress)
+    forecasts = _forecasts(plan, found, names)
     persons = {int(person) for ids, _ in (halves.tried.recording.truth or {}).values() for person in ids}
     cameras = tuple(halves.tried.recording.detections) or tuple(halves.tried.recording.cameras)
     return Prediction(forecasts, found[-1] if halves.real else None, halves.fit_frames, halves.try_frames, len(persons), cameras, errors)
+
+
+def _predict_place(plan: PredictionPlan, place: Preset, pool: Pool | None, progress: Progress | None) -> Prediction:
+    calls = [(place, choice, plan.tracker, seed) for choice in plan.detectors.values() for seed in plan.seeds]
+    found = _run(_place_outcome, calls, pool, progress)
+    names = [name for name in plan.detectors for _ in plan.seeds]
+    forecasts = _forecasts(plan, [one for one, _ in found], names)
+    return Prediction(forecasts, None, None, (0, place.scenario.frames), place.scenario.people, found[0][1])
+
+
+def _place_outcome(place: Preset, detector: str, tracker: TrackerUnderTest, seed: int) -> tuple[Outcome, tuple[str, ...]]:
+    """One run of a place without rendering, and the names of its cameras."""
+    scenario = replace(place.scenario, seed=seed, detector_model=detector)
+    made = SequenceTask(Path(), "place", replace(place, scenario=scenario), ImageForm()).simulated()
+    setup = make_setup(made.simulation, made.fixed)
+    frames = list(raycast_frames(made.simulation, setup))
+    run = (tracker, f"place/{seed}")
+    return _tracked(setup, [frame.tick for frame in frames], tuple(frame.truth for frame in frames), run), tuple(setup.mounts)
+
+
+def _run(function: Callable[..., Any], calls: list[Any], pool: Pool | None, progress: Progress | None) -> list[Any]:
+    """The results of all calls, in their order."""
+    done = (function(*call) for call in calls) if pool is None else pool.results(function, calls)
+    return list(done if progress is None else progress(done, total=len(calls)))
+
+
+def _forecasts(plan: PredictionPlan, found: list[Outcome], names: list[str]) -> dict[str, Forecast]:
+    return {name: Forecast.of([one for one, other in zip(found, names, strict=False) if other == name]) for name in plan.detectors}
 
 
 def _models(choice: str, halves: Halves, path: Path) -> FittedViews:

@@ -111,7 +111,9 @@ def summary(record: PredictionRecord) -> list[tuple[str, str]]:
     found = record.found
     first, end = found.frames
     seen = f"{plural(found.people, 'person') if found.people == 1 else f'{found.people} people'} in frames {first} to {end - 1}"
-    text = f"{record.source}: {seen} of {listed(found.cameras)}, tracker {record.tracker}. People walk their true paths before the real cameras."
+    text = f"{record.source}: {seen} of {listed(found.cameras)}, tracker {record.tracker}."
+    simulated = " --world " in record.command
+    text += " People walk simulated paths, others with each seed." if simulated else " People walk their true paths before the real cameras."
     if found.fit_frames is not None:
         text += f" Models are fitted to frames {found.fit_frames[0]} to {found.fit_frames[1] - 1}."
     out = [("What was predicted", text)]

@@ -12,6 +12,7 @@ from sim.prediction import PredictionPlan, predict
 from sim.prediction.halves import fit_views, open_halves, twin
 from sim.stress.tracker_under_test import TrackerUnderTest
 from tests.tracker.recordings.walked_room import walked_room
+from tests.worlds.places.samples import write_house
 from tracker.formats.recording_export import write_recording
 from tracker.formats.source_options import SourceOptions
 
@@ -78,6 +79,19 @@ def test_twins_have_the_true_people_and_the_errors_of_each_view(room):
         assert all(np.array_equal(box, again.detections[name][frame][0]) for frame, (box, _) in by_frame.items())
 
 
+def test_a_place_is_predicted_before_there_is_a_recording(tmp_path, monkeypatch, capsys):
+    place = write_house(tmp_path / "house.glb")
+    words = ("--world", place, "--people", 3, "--robots", 1, "--fixed-cameras", 1, "--frames", "0:6", "--seeds", 2, "--n-scan", 0)
+    command(monkeypatch, "predict", *words, "--out", tmp_path / "p.json")
+    assert "3 people in frames 0:6 of robot_0_camera, View_001; 2 runs" in capsys.readouterr().out
+    content = json.loads((tmp_path / "p.json").read_text())
+    first, second = content["predicted"]["independent"]["runs"]
+    assert first != second, "each seed has other paths"
+    assert first["truths"] > 0
+    command(monkeypatch, "report", tmp_path / "p.json")
+    assert "house.glb" in (tmp_path / "p.html").read_text()
+
+
 @pytest.mark.soak
 def test_workers_change_nothing(room):
     from sim.parallel.pool import Pool
@@ -103,6 +117,8 @@ def test_intervals_are_of_one_more_run():
         (("--detector-model", "nobody"), "detector model is 'nobody'"),
         (("--seeds", "0"), "--seeds is 0"),
         (("--out", "table.txt"), "ends in .json"),
+        (("--world", "hall"), "needs either SOURCE, a recording, or --world"),
+        (("--people", "3"), "needs either SOURCE, a recording, or --world"),
     ],
 )
 def test_bad_input_is_one_line(room, monkeypatch, capsys, words, said):

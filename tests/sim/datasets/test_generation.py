@@ -22,6 +22,7 @@ from tests.commands import pilsim
 from tracker.datasets.validation import validate
 from tracker.formats.summary import summarize, summary_text
 from tracker.io.file_lock import file_lock
+from tracker.recordings.folder import read_recording
 from tracker.sequence.dataset import sequences
 
 PILSIM = Path(sys.executable).parent / "pilsim"
@@ -136,7 +137,6 @@ def test_check_by_command(dataset: Path, tmp_path: Path) -> None:
         (["twin", "--annotations", "a", "--calibration", "b", "--imu", "ideal"], "a twin takes --cameras and --detector-model, --difficulty"),
         (["pilsun", "--annotations", "a.xml"], "--annotations and --calibration are for a twin"),
         (["pilsun", "a"], "a: the preset pilsun has no source; pilsim generate twin a makes its twin"),
-        (["pilsun", "--no-render"], "robots is 4, needs 0 without rendering"),
         (["twin", "nowhere"], "nowhere: no such folder"),
         (["twin", "nowhere", "--annotations", "a", "--calibration", "b"], "a twin needs SOURCE, or --annotations"),
         (["twin"], "a twin needs SOURCE, or --annotations FILE and --calibration DIR"),
@@ -147,6 +147,19 @@ def test_invalid_arguments_are_refused(arguments: list[str], message: str, tmp_p
     with pytest.raises(ValueError, match=re.escape(message)):
         generate(*arguments, out=tmp_path / "D")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_without_rendering_robots_are_in_the_recording(tmp_path: Path) -> None:
+    generate("pilsun", "--no-render", "--world", "hall", "--robots", "2", "--fixed-cameras", "0", "--people", "3", "--frames", "5", out=tmp_path / "D")
+    sequence = read_recording(tmp_path / "D").sequence()
+    assert sequence.setup.moving_robots == ("robot_0", "robot_1")
+    assert sequence.truth is not None
+    errors = [np.linalg.norm(sequence.setup.starts[name].T_world_robot.translation - sequence.truth[0].T_world_robot[name].translation)
+              for name in sequence.setup.moving_robots]  # fmt: skip
+    assert max(errors) < 0.1
+    views = [view for tick in sequence.ticks for view in tick.views]
+    assert sum(view.odometry is not None for view in views) == 8, "two robots, four frames after the first"
+    assert any(len(view.detections) for view in views)
 
 
 def test_a_wrong_setting_is_reported_with_its_file(tmp_path: Path) -> None:
