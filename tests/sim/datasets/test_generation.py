@@ -149,8 +149,10 @@ def test_invalid_arguments_are_refused(arguments: list[str], message: str, tmp_p
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.command
 def test_without_rendering_robots_are_in_the_recording(tmp_path: Path) -> None:
-    generate("pilsun", "--no-render", "--world", "hall", "--robots", "2", "--fixed-cameras", "0", "--people", "3", "--frames", "5", out=tmp_path / "D")
+    few = ["--robots", "2", "--fixed-cameras", "0", "--people", "3", "--frames", "5"]
+    generate("pilsun", "--no-render", "--world", "hall", *few, out=tmp_path / "D")
     sequence = read_recording(tmp_path / "D").sequence()
     assert sequence.setup.moving_robots == ("robot_0", "robot_1")
     assert sequence.truth is not None
