@@ -6,7 +6,10 @@ An option that is None has the default value of its parameter. The tracker is im
 
 from __future__ import annotations
 
+import importlib
 import math
+import os
+import sys
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, is_dataclass, replace
@@ -235,3 +238,22 @@ def _images(given: Mapping[str, Any]) -> ImageParameters:
             raise ValueError("--l-c, --delta-min and --omega need --images")
         return ImageParameters()
     return ImageParameters(TrackletParameters(**tracklets) if tracklets else None, SilhouetteParameters(), appearance=True)
+
+
+def load_function(text: str, what: str) -> Any:
+    """Import module:function. Modules of the working directory go first, as for `python -m`. what: its name in messages.
+
+    Raises ValueError where there is no such function.
+    """
+    module, _, name = text.partition(":")
+    if not module or not name:
+        raise ValueError(f"{what} is {text!r}, needs module:function")
+    if os.getcwd() not in sys.path:
+        sys.path.insert(0, os.getcwd())
+    try:
+        found = getattr(importlib.import_module(module), name, None)
+    except ImportError as error:
+        raise ValueError(f"{what} {text}: {error}") from None
+    if not callable(found):
+        raise ValueError(f"{what} {text}: {module} has no function {name}")
+    return found

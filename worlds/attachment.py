@@ -14,13 +14,16 @@ CAMERA_AXES = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
 """Rotation of a camera of ours, which looks along x with z up, in one of MuJoCo's, which looks along −z with y up."""
 
 
-def read_model(path: Path) -> mujoco.MjSpec:
-    """The spec of an MJCF file. Raises ValueError, in one line, where MuJoCo cannot read or compile it, or where it has what is not drawn."""
+def read_model(path: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
+    """The spec of an MJCF file, without its keyframes, and its model, with them.
+
+    Raises ValueError, in one line, where MuJoCo cannot read or compile it, or where it has what is not drawn.
+    """
     try:
         # Attributes that MuJoCo will drop some day are no concern of who runs a simulation today.
         with warnings.catch_warnings(action="ignore"):
             spec = mujoco.MjSpec.from_file(path.as_posix())
-            spec.copy().compile()
+            model = spec.copy().compile()
     except (ValueError, FileNotFoundError, mujoco.FatalError) as error:
         raise ValueError(f"{path}: MuJoCo cannot use it: {' '.join(str(error).split())[:200]}") from None
     if spec.flexes or spec.skins:
@@ -28,7 +31,7 @@ def read_model(path: Path) -> mujoco.MjSpec:
     for key in list(spec.keys):
         # A keyframe has the number of joints of its own model, which is not that of the scene.
         spec.delete(key)
-    return spec
+    return spec, model
 
 
 def attach(scene: mujoco.MjSpec, child: mujoco.MjSpec, prefix: str) -> mujoco.MjsFrame:

@@ -13,15 +13,19 @@ from sim.pedestrian import skeleton
 from sim.recording.frames import clocks_of
 from sim.recording.shots import MountedRig, mounted_rigs, rig_of
 from sim.scenario import Scenario
+from sim.sensors.raycast_camera import Raycaster
 from sim.simulation.simulation import Simulation
-from tracker.geometry import Pose
-from tracker.geometry.cameras import Camera, pinhole
+from tracker.geometry import Mask, Pose
+from tracker.geometry.cameras import Camera, Panorama, pinhole
 from tracker.geometry.ground import Grid
 from tracker.types import Mount, Setup, Start
 from worlds.world import World
 
 # Standard deviations of the known start pose of a robot, in metres and radians of its right tangent.
 START_SIGMA = np.array([0.01, 0.01, 0.01, 0.003, 0.003, 0.005])
+
+OWN_BODY_CELLS, OWN_BODY_REACH = (120, 60), 3.0
+"""Columns and rows of the mask of a robot's own body, and how far it is looked for, m."""
 
 
 def _exposed(scenario: Scenario, rig: Rig, view: RigView) -> tuple[float, float]:
@@ -64,6 +68,7 @@ def make_setup(simulation: Simulation, fixed: Mapping[str, FixedCamera] | None =
         for robot in simulation.robots
         for view in rig.views
     }
+    mounts = {name: replace(mount, own_body=_own_body(simulation, mount)) for name, mount in mounts.items()}
     for name, one in (fixed or {}).items():
         starts[name] = Start(one.T_world_camera, np.zeros((6, 6)))
         if scenario.view_camera:
@@ -78,6 +83,18 @@ def make_setup(simulation: Simulation, fixed: Mapping[str, FixedCamera] | None =
     setup = Setup(mounts, terrain, starts, scenario.period, height=band, occluders=occluders)
     slower = {name: replace(mounts[name], period=1 / clock.rate) for name, clock in clocks_of(scenario, setup).items() if clock.rate}
     return replace(setup, mounts=mounts | slower)
+
+
+def _own_body(simulation: Simulation, mount: Mount) -> Mask | None:
+    """Where a camera sees its robot at rest; None for rovers, whose bodies are below all that people show of themselves."""
+    if not simulation.is_of_user(mount.robot):
+        return None
+    eye, lens = simulation.T_world_robot(mount.robot) @ mount.T_body_camera, Panorama(*OWN_BODY_CELLS)
+    row, column = np.indices(OWN_BODY_CELLS[::-1])
+    bearings = lens.bearings_from_pixels(np.stack([column.ravel(), row.ravel()], axis=1) + 0.5)
+    geom, _ = Raycaster(simulation).first_hit(eye.translation, eye.translation + OWN_BODY_REACH * bearings @ eye.rotation.T)
+    mine = (geom >= 0) & (simulation.robot_of_geom[geom] == 1 + simulation.robots.index(mount.robot))
+    return np.asarray(mine.reshape(OWN_BODY_CELLS[::-1])) if mine.any() else None
 
 
 def told_setup(simulation: Simulation, true: Setup) -> Setup:

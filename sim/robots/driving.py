@@ -40,6 +40,8 @@ REPLANNING_RANGE = 4.0
 """m: range of the others that a new route avoids."""
 TURN_IN_PLACE_RATE = 0.7
 """rad/s: yaw rate of a rover that turns in place."""
+SHUNTING_SPEED = 0.3
+"""m/s: of a robot with steered wheels that turns on the spot by moving to and fro."""
 _DETOURS = np.array([0.3, -0.3, 0.6, -0.6, 0.9, -0.9, 1.2, -1.2, 1.5, -1.5])
 """rad: deviations from the wanted heading, in the order in which they are tried."""
 
@@ -114,11 +116,15 @@ class Pilot(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Driver:
-    """A driver in the free space `wheels` with goals (g, 2) m, which are repeated cyclically. top_speed: m/s."""
+    """A driver in the free space `wheels` with goals (g, 2) m, which are repeated cyclically. top_speed: m/s.
+
+    turning_radius: m, the least one of a robot with steered wheels, 0 for one that turns in place.
+    """
 
     wheels: FreeSpace
     goals: Array
     top_speed: float = TOP_SPEED
+    turning_radius: float = 0.0
 
     def start(self, position: Array) -> DriveState:
         return DriveState(self._route(position, 0), 0.0, 0, 0.0, 0.0, 0.0, 0.0)
@@ -142,7 +148,11 @@ class Driver:
         # A rover that cannot drive on at its heading turns in place.
         turns = not speed or (free < 0.1 and abs(error) > 0.15)
         turn = math.copysign(TURN_IN_PLACE_RATE, error) if turns else 2 * free * math.sin(error) / distance
-        drive = _accelerated(replace(drive, direction=direction), direction * free, float(np.clip(turn, -TOP_YAW_RATE, TOP_YAW_RATE)), dt)
+        ahead = direction * free
+        if turns and self.turning_radius:
+            ahead = self._shunting_speed(drive, motion, traffic)
+            turn = math.copysign(abs(ahead) / self.turning_radius, error)
+        drive = _accelerated(replace(drive, direction=direction), ahead, float(np.clip(turn, -TOP_YAW_RATE, TOP_YAW_RATE)), dt)
         waits = abs(motion.yaw_rate) < 0.1 if turns else min(free, abs(motion.speed)) < 0.25 * speed
         drive = replace(drive, stuck=drive.stuck + dt if waits else max(drive.stuck - dt, 0.0))
         headings = np.array([straight, wanted, motion.yaw if direction > 0 else motion.yaw + math.pi])
@@ -157,6 +167,15 @@ class Driver:
         if around is not None:
             return around
         return replace(drive, stuck=0.0, attempts=drive.attempts + 1, retreat=RETREAT, turn_side=self._wider_side(motion))
+
+    def _shunting_speed(self, drive: DriveState, motion: Motion, traffic: Traffic) -> float:
+        """Speed, m/s, of a robot that cannot turn in place: to and fro with its wheels turned, the other way where there is no room."""
+        sense = -1.0 if drive.speed < 0 else 1.0
+        for way in (sense, -sense):
+            there = motion.position + 0.4 * way * np.array([math.cos(motion.yaw), math.sin(motion.yaw)])
+            if self.wheels.free_at(there[None])[0] and _free_speed(motion, traffic, way, SHUNTING_SPEED) > 0.5 * SHUNTING_SPEED:
+                return way * SHUNTING_SPEED
+        return 0.0
 
     def _detour_heading(self, motion: Motion, wanted: float, traffic: Traffic) -> float:
         """The free heading nearest to the wanted one: clear of others, within free space for 1 m. The wanted one if there is none."""
@@ -221,9 +240,9 @@ class Driver:
         return nodes[int(np.argmin(((nodes - position) ** 2).sum(axis=1)))]
 
 
-def make_driver(room: FreeSpace, rng: np.random.Generator, top_speed: float = TOP_SPEED) -> Driver:
-    """A driver with eight random goals in this free space, and with this top speed, m/s. Raises ValueError if nothing is free."""
-    return Driver(room, np.concatenate([room.sample(rng, 1, 0.1, 0.0) for _ in range(8)]), top_speed)
+def make_driver(room: FreeSpace, rng: np.random.Generator, top_speed: float = TOP_SPEED, turning_radius: float = 0.0) -> Driver:
+    """A driver with eight random goals in this free space; the rest as of Driver. Raises ValueError if nothing is free."""
+    return Driver(room, np.concatenate([room.sample(rng, 1, 0.1, 0.0) for _ in range(8)]), top_speed, turning_radius)
 
 
 def turning_space(wheels: FreeSpace) -> FreeSpace:

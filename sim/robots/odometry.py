@@ -102,8 +102,11 @@ def measure_moved(motion: FrameMotion, moved: Array, systematic: SystematicError
     return Odometry(Pose(R, told), np.diag(np.concatenate([along, about]) ** 2), *_gravity(motion, systematic, rng))
 
 
-def measure(motion: FrameMotion, systematic: SystematicErrors, rng: np.random.Generator) -> Odometry:
-    """Odometry of one frame: rotation from the gyroscope, translation from the mean of the wheels along the heading at half the rotation."""
+def measure(motion: FrameMotion, systematic: SystematicErrors, rng: np.random.Generator, axle: float = 0.0) -> Odometry:
+    """Odometry of one frame: rotation from the gyroscope, translation from the mean of the wheels along the heading at half the rotation.
+
+    axle: x of the point of the body that moves along the heading, m.
+    """
     R = _measured_rotation(motion, systematic, rng)
     turn = Pose(R, np.zeros(3)).log()[3:]
     count = 2 * math.pi / ENCODER_COUNTS
@@ -111,6 +114,8 @@ def measure(motion: FrameMotion, systematic: SystematicErrors, rng: np.random.Ge
     left_right = (turned[1] - turned[0]).reshape(2, 2).mean(axis=0)
     distance = float((WHEEL_RADIUS * systematic.radius * left_right).mean())
     move = exp_so3(turn / 2) @ np.array([distance, 0.0, 0.0])
+    if axle:
+        move = move + (np.eye(3) - R)[:, 0] * axle
     period = motion.dt * len(motion.rates)
     return Odometry(Pose(R, move), covariance(distance, turn, period), *_gravity(motion, systematic, rng))
 

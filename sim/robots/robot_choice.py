@@ -1,34 +1,47 @@
-"""The text of `--robot`: which robots drive in place of rovers, how they move, and where their cameras are."""
+"""The text of `--robot`: which robots drive in place of rovers, how they move, and where their cameras and IMUs are."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 ROVER = "rover"
-BASE, THRUST, WHEELS = "base", "thrust", "wheels"
+BASE, THRUST, WHEELS, CONTROLLED = "base", "thrust", "wheels", "controller"
 MOTIONS = (WHEELS, BASE, THRUST)
-"""Kinds of motion: wheels on fixed axles; a base that follows the path, with its legs in a gait; flight by thrust."""
+"""Kinds of motion that can be told: wheels; a base that follows the path, with its legs in a gait; flight by thrust."""
 
 
 @dataclass(frozen=True)
 class RobotChoice:
-    """One robot of `--robot`: a name or file, and what is told of it. motion: one of MOTIONS, or "" to guess. camera: of a camera or site, or ""."""
+    """One robot of `--robot`: a name or file, and what is told of it.
+
+    motion: one of MOTIONS, or "" to guess. camera, imu: of a camera or site, or "". controller: module:function that sets its controls, or "".
+    """
 
     source: str
     motion: str = ""
     camera: str = ""
+    imu: str = ""
+    controller: str = ""
 
 
 def parse_robots(text: str) -> tuple[RobotChoice, ...]:
-    """The choices of a text `NAME|FILE.xml[:motion=…][:camera=…],…`. Raises ValueError for an unknown word."""
-    out = []
-    for one in text.split(","):
-        source, *words = one.strip().split(":")
-        told = dict(word.partition("=")[::2] for word in words)
-        unknown = set(told) - {"motion", "camera"}
-        if not source or unknown or not all(told.values()):
-            raise ValueError(f"robot is {one.strip()[:60]!r}, needs NAME or FILE.xml, with :motion=… or :camera=… behind it")
-        if told.get("motion", BASE) not in MOTIONS:
-            raise ValueError(f"robot {source} has motion={told['motion'][:20]}, needs one of {', '.join(MOTIONS)}")
-        out.append(RobotChoice(source, told.get("motion", ""), told.get("camera", "")))
-    return tuple(out)
+    """The choices of a text `NAME|FILE.xml[:motion=…][:camera=…][:imu=…][:controller=MODULE:FUNCTION],…`. Raises ValueError for an unknown word."""
+    return tuple(_choice(one.strip()) for one in text.split(","))
+
+
+def _choice(text: str) -> RobotChoice:
+    source, *words = text.split(":")
+    told: dict[str, str] = {}
+    for word in words:
+        name, equals, value = word.partition("=")
+        if not equals and "controller" in told and ":" not in told["controller"]:
+            told["controller"] += f":{word}"
+        else:
+            told[name] = value
+    if not source or set(told) - {"motion", "camera", "imu", "controller"} or not all(told.values()):
+        raise ValueError(f"robot is {text[:60]!r}, needs NAME or FILE.xml, then :motion=…, :camera=…, :imu=… or :controller=MODULE:FUNCTION")
+    if told.get("motion", BASE) not in MOTIONS:
+        raise ValueError(f"robot {source} has motion={told['motion'][:20]}, needs one of {', '.join(MOTIONS)}")
+    if "motion" in told and "controller" in told:
+        raise ValueError(f"robot {source} has motion and controller, needs one of them")
+    return RobotChoice(source, **told)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from sim.robots import rover
-from sim.robots.robot_choice import BASE, THRUST, WHEELS, RobotChoice
+from sim.robots.robot_choice import BASE, CONTROLLED, THRUST, WHEELS, RobotChoice
 from tracker.geometry import Array, Pose
 from worlds.attachment import CAMERA_AXES, read_model, take_options
 from worlds.engine import mujoco
@@ -26,19 +26,27 @@ WIDEST = 1.1
 DRAWN, HIDDEN = 3, 4
 """Groups of the geoms of robots."""
 FLYING = re.compile("prop|rotor|drone|quad(rotor|copter)|thrust", re.IGNORECASE)
+MOST_STEER = 1.2
+"""rad: largest angle of a steered wheel that is used."""
 GAP = 0.1
 """m from the highest point of a robot up to its panorama, where neither a camera nor a site is told."""
 
 
 @dataclass(frozen=True)
 class Wheel:
-    """A wheel on a fixed axle: name of its joint, its centre x, y m in the body, radius m; sign of its turn for driving ahead."""
+    """A wheel: name of its joint, its centre x, y m in the body, radius m; sign of its turn for driving ahead.
+
+    steer: the vertical joint that turns its axle, "" for a fixed one; steer_sign: of its turn to the left; most_steer: rad.
+    """
 
     joint: str
     x: float
     y: float
     radius: float
     sign: float
+    steer: str = ""
+    steer_sign: float = 1.0
+    most_steer: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -60,11 +68,13 @@ class UserRobot:
     """A robot of a user at rest.
 
     rest: joint → position. height: m of the body's origin over level ground. top: m of its highest point over the origin. mass: kg.
-    feet (4, 2) m: corners of the rectangle on which it stands. T_body_camera is None where no camera was told: a mast carries it.
+    feet (4, 2) m: corners of the rectangle on which it stands. told_camera: T_body_camera, None where none was told: a mast carries it.
+    imu: T_body_imu. flies: whether it is told or named as what flies. spec: of its file, without keyframes.
     """
 
     choice: RobotChoice
     path: Path
+    spec: mujoco.MjSpec
     root: str
     motion: str
     rest: dict[str, float]
@@ -73,6 +83,8 @@ class UserRobot:
     mass: float
     feet: Array
     told_camera: Pose | None
+    imu: Pose
+    flies: bool
     wheels: tuple[Wheel, ...] = ()
     legs: tuple[Leg, ...] = ()
     drawn: frozenset[int] = field(default_factory=frozenset)
@@ -81,16 +93,42 @@ class UserRobot:
         """T_body_camera of the panorama: as told, or `camera_height` m over the ground, and over the robot in any case. A flying one flies there."""
         if self.told_camera is not None:
             return self.told_camera
-        up = self.top + GAP if self.motion == THRUST else max(camera_height - self.height, self.top + GAP)
+        up = self.top + GAP if self.flies else max(camera_height - self.height, self.top + GAP)
         return Pose(np.eye(3), np.array([0.0, 0.0, up]))
 
     def hover(self, camera_height: float) -> float:
         """m over the ground at which the origin of a flying robot is, its camera at `camera_height`."""
         return max(camera_height - float(self.mount(camera_height).translation[2]), 0.3)
 
+    @property
+    def driven(self) -> tuple[Wheel, ...]:
+        """The wheels that are driven: those on fixed axles, or all where all are steered."""
+        return tuple(wheel for wheel in self.wheels if not wheel.steer) or self.wheels
+
+    @property
+    def steered(self) -> tuple[Wheel, ...]:
+        """The wheels that are steered."""
+        return tuple(wheel for wheel in self.wheels if wheel.steer)
+
+    @property
+    def axle(self) -> float:
+        """x of the middle of the driven wheels, m: that point moves along the heading."""
+        return float(np.mean([wheel.x for wheel in self.driven])) if self.wheels else 0.0
+
+    @property
+    def turning_radius(self) -> float:
+        """m: the least one of a robot with steered wheels, 0 for one that turns in place."""
+        return max((abs(w.x - self.axle) / np.tan(w.most_steer) + abs(w.y) for w in self.steered), default=0.0)
+
+    @property
+    def servos(self) -> list[str]:
+        """Names of our actuators on it, in the order of `wheel_commands`: driven wheels and steering joints. A controller has those of the file."""
+        joints = [*(wheel.joint for wheel in self.driven), *(wheel.steer for wheel in self.steered)]
+        return [f"servo/{joint}" for joint in joints] if self.motion == WHEELS else []
+
     def add_to(self, spec: mujoco.MjSpec, name: str, camera_height: float) -> None:
         """Add the robot to the world body of `spec` as the body and free joint `name`; its own names have the prefix `name/`."""
-        child = read_model(self.path)
+        child = self.spec.copy()
         _strip(child, self)
         take_options(spec, child)
         body = spec.worldbody.add_body(name=name)
@@ -99,20 +137,37 @@ class UserRobot:
         body.add_freejoint(name=name)
         frame = body.add_frame()
         frame.attach_body(child.body(self.root), f"{name}/", "")
-        if self.told_camera is None and self.motion != THRUST:
+        if self.told_camera is None and not self.flies:
             rover.add_mast(body, name, float(self.mount(camera_height).translation[2]), max(self.top - 0.05, 0.0))
-        for wheel in self.wheels:
+        if self.motion == WHEELS:
+            self._add_servos(spec, name)
+
+    def _add_servos(self, spec: mujoco.MjSpec, name: str) -> None:
+        """Add the motors of driven wheels and of steering; other joints with limits, as those of arms, are held at rest."""
+        for wheel in self.driven:
             servo = spec.add_actuator(name=f"{name}/servo/{wheel.joint}", trntype=mujoco.mjtTrn.mjTRN_JOINT, target=f"{name}/{wheel.joint}")
             # As stiff as a rover's, and twice what holds the robot on a wall, which wheels share.
             servo.set_to_velocity(kv=3.0 * self.mass * wheel.radius)
-            most = 2 * 9.81 * self.mass * wheel.radius / len(self.wheels)
+            most = 2 * 9.81 * self.mass * wheel.radius / len(self.driven)
             servo.forcelimited, servo.forcerange = mujoco.mjtLimited.mjLIMITED_TRUE, (-most, most)
+        for wheel in self.steered:
+            servo = spec.add_actuator(name=f"{name}/servo/{wheel.steer}", trntype=mujoco.mjtTrn.mjTRN_JOINT, target=f"{name}/{wheel.steer}")
+            servo.set_to_position(kp=10.0 * self.mass * wheel.radius, kv=1.0 * self.mass * wheel.radius)
+        moved = {part for wheel in self.wheels for part in (wheel.joint, wheel.steer)}
+        for joint, place in self.rest.items():
+            of_file = self.spec.joint(joint)
+            if joint not in moved and bool(of_file.limited) and of_file.range[0] < of_file.range[1]:
+                held = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, name=f"{name}/held/{joint}", name1=f"{name}/{joint}")
+                held.objtype, held.data[0] = mujoco.mjtObj.mjOBJ_JOINT, place - of_file.ref
 
 
 def _strip(child: mujoco.MjSpec, robot: UserRobot) -> None:
-    """Take out what our motion replaces: its own actuators and free joint; contacts of what does not roll."""
-    for part in (*child.actuators, *child.sensors):
+    """Take out what our motion replaces: its own actuators and free joint; contacts of what neither rolls nor has a controller."""
+    for part in (*(child.actuators if robot.motion != CONTROLLED else ()), *child.sensors):
         child.delete(part)
+    for number, actuator in enumerate(child.actuators):
+        # By the prefix of its name it is found again.
+        actuator.name = actuator.name or f"actuator{number}"
     root = child.body(robot.root)
     for joint in list(root.joints):
         if joint.type == mujoco.mjtJoint.mjJNT_FREE:
@@ -122,9 +177,9 @@ def _strip(child: mujoco.MjSpec, robot: UserRobot) -> None:
         child.delete(light)
     for geom in child.geoms:
         geom.group = DRAWN if geom.group in robot.drawn else HIDDEN
-        if robot.motion != WHEELS:
+        if robot.motion in (BASE, THRUST):
             geom.contype = geom.conaffinity = 0
-    if robot.motion != WHEELS:
+    if robot.motion in (BASE, THRUST):
         for body in root.find_all("body"):
             body.gravcomp = 0.0 if robot.motion == THRUST else 1.0
 
@@ -133,8 +188,7 @@ def _strip(child: mujoco.MjSpec, robot: UserRobot) -> None:
 def load_robot(choice: RobotChoice) -> UserRobot:
     """The robot of a choice. Raises ValueError, in one line, for what cannot be found, read, moved or seen from."""
     path = _path(choice.source)
-    spec = read_model(path)
-    model = mujoco.MjSpec.from_file(path.as_posix()).compile()
+    spec, model = read_model(path)
     data = mujoco.MjData(model)
     if model.nkey:
         data.qpos[:] = model.key_qpos[0]
@@ -149,7 +203,7 @@ def load_robot(choice: RobotChoice) -> UserRobot:
         raise ValueError(f"{path}: its root body has no name, needs one")
     if model.body(root).name not in {body.name for body in spec.bodies}:
         raise ValueError(f"{path}: root body {model.body(root).name!r} cannot be attached")
-    return _measured(choice, path, (model, data), root, geoms)
+    return _measured(choice, (path, spec), (model, data), root, geoms)
 
 
 def _path(source: str) -> Path:
@@ -175,9 +229,9 @@ def _path(source: str) -> Path:
         raise ValueError(f"robot {source}: cannot be fetched ({' '.join(str(error).split())[:120]}){where}") from None
 
 
-def _measured(choice: RobotChoice, path: Path, scene: tuple[Any, Any], root: int, geoms: list[int]) -> UserRobot:
+def _measured(choice: RobotChoice, file: tuple[Path, mujoco.MjSpec], scene: tuple[Any, Any], root: int, geoms: list[int]) -> UserRobot:
     """The robot by its geometry at rest."""
-    model, data = scene
+    (path, spec), (model, data) = file, scene
     drawn = _drawn_groups(model, geoms)
     T_root = Pose(data.xmat[root].reshape(3, 3), data.xpos[root])
     # The root's own rotation stays: what is ahead is x of the frame in which the file places it.
@@ -196,15 +250,19 @@ def _measured(choice: RobotChoice, path: Path, scene: tuple[Any, Any], root: int
     feet = np.array([(b[0], b[1]), (b[0], a[1]), (a[0], b[1]), (a[0], a[1])])
     wheels = _wheels(model, data, T_root, float(low[2]), geoms)
     names = " ".join(model.geom(g).name + model.body(int(model.geom_bodyid[g])).name for g in geoms) + path.name
-    motion = choice.motion or (WHEELS if len(wheels) >= 2 else THRUST if FLYING.search(names) else BASE)
-    if motion == WHEELS and len(wheels) < 2:
-        raise ValueError(f"{path}: has {len(wheels)} wheels on fixed lateral axles that touch the ground, needs 2 or more; tell motion=base")
+    driven = sum(not wheel.steer for wheel in wheels) or len(wheels)
+    flying = bool(FLYING.search(names))
+    motion = CONTROLLED if choice.controller else choice.motion or (WHEELS if driven >= 2 else THRUST if flying else BASE)
+    if motion == WHEELS and driven < 2:
+        raise ValueError(f"{path}: has {driven} wheels on lateral axles that touch the ground and are driven, needs 2 or more; tell motion=base")
     rest = {model.joint(j).name: float(data.qpos[model.jnt_qposadr[j]]) for j in _hinges(model, root) if model.joint(j).name}
     legs = _legs(model, data, root, float(low[2] + T_root.translation[2])) if motion == BASE else ()
-    mass = float(model.body_subtreemass[root])
+    rolls = motion == WHEELS or (motion == CONTROLLED and driven >= 2)
+    told = (_told_place(name, path, scene, T_root) for name in (choice.camera, choice.imu))
+    camera, imu = told
     return UserRobot(
-        choice, path, model.body(root).name, motion, rest, -float(low[2]), float(high[2]), mass, feet,
-        _told_camera(choice, path, scene, T_root), wheels if motion == WHEELS else (), legs, drawn,
+        choice, path, spec, model.body(root).name, motion, rest, -float(low[2]), float(high[2]), float(model.body_subtreemass[root]), feet,
+        camera, imu or Pose.identity(), motion == THRUST or (motion == CONTROLLED and flying), wheels if rolls else (), legs, drawn,
     )  # fmt: skip
 
 
@@ -225,22 +283,30 @@ def _hinges(model: Any, root: int) -> list[int]:
 
 
 def _wheels(model: Any, data: Any, T_root: Pose, low: float, geoms: list[int]) -> tuple[Wheel, ...]:
-    """Hinges without limits and with a lateral axle, whose body touches the ground; none where a wheel is steered by a vertical hinge above it."""
+    """Hinges without limits and with a lateral axle, whose body touches the ground. Castors, whose vertical hinge has no limits, are no wheels."""
     out = []
     for joint in range(model.njnt):
         axis = T_root.rotation.T @ data.xaxis[joint]
-        body = model.jnt_bodyid[joint]
+        body = int(model.jnt_bodyid[joint])
         mine = [g for g in geoms if model.geom_bodyid[g] == body]
         if model.jnt_type[joint] != int(mujoco.mjtJoint.mjJNT_HINGE) or abs(axis[1]) < 0.95 or model.jnt_limited[joint] or not mine:
             continue
-        if any(abs(data.xaxis[other][2]) > 0.9 for other in _hinges(model, int(model.body_rootid[body])) if _carries(model, other, int(body))):
-            return ()
+        vertical = [j for j in _hinges(model, int(model.body_rootid[body])) if abs(data.xaxis[j][2]) > 0.9 and _carries(model, j, body)]
+        if any(not model.jnt_limited[j] or not model.joint(j).name for j in vertical):
+            continue
         centre = T_root.inverse().apply(data.xanchor[joint][None])[0]
         radius = float(centre[2]) - low
         bottom = min(float((geom_triangles(model, data, g) - T_root.translation)[..., 2].min()) for g in mine)
         if model.joint(joint).name and abs(bottom - low) < 0.02 and radius > 0.02:
-            out.append(Wheel(model.joint(joint).name, float(centre[0]), float(centre[1]), radius, float(np.sign(axis[1]))))
+            wheel = Wheel(model.joint(joint).name, float(centre[0]), float(centre[1]), radius, float(np.sign(axis[1])))
+            out.append(wheel if not vertical else _steered(wheel, model, data, vertical[0]))
     return tuple(out)
+
+
+def _steered(wheel: Wheel, model: Any, data: Any, joint: int) -> Wheel:
+    """The wheel with the vertical joint that steers it."""
+    most = min(abs(float(end)) for end in model.jnt_range[joint])
+    return replace(wheel, steer=model.joint(joint).name, steer_sign=float(np.sign(data.xaxis[joint][2])), most_steer=min(most, MOST_STEER))
 
 
 def _carries(model: Any, joint: int, body: int) -> bool:
@@ -283,34 +349,39 @@ def _leg(model: Any, data: Any, swings: list[int], foot: int) -> Leg:
     return Leg(model.joint(hip).name, model.joint(knee).name, float(np.sign(data.xaxis[hip][1])), 1.0 if shorter else -1.0, phase)
 
 
-def _told_camera(choice: RobotChoice, path: Path, scene: tuple[Any, Any], T_root: Pose) -> Pose | None:
-    """T_body_camera of the camera or site that is told; None for none."""
-    if not choice.camera:
+def _told_place(name: str, path: Path, scene: tuple[Any, Any], T_root: Pose) -> Pose | None:
+    """Pose in the body of the camera or site that is told; None for no name."""
+    if not name:
         return None
     model, data = scene
     cameras, sites = ([get(k).name for k in range(n)] for get, n in ((model.camera, model.ncam), (model.site, model.nsite)))
-    if choice.camera in cameras:
-        k = cameras.index(choice.camera)
+    if name in cameras:
+        k = cameras.index(name)
         return T_root.inverse() @ Pose(data.cam_xmat[k].reshape(3, 3) @ CAMERA_AXES, data.cam_xpos[k])
-    if choice.camera in sites:
-        k = sites.index(choice.camera)
+    if name in sites:
+        k = sites.index(name)
         return T_root.inverse() @ Pose(data.site_xmat[k].reshape(3, 3), data.site_xpos[k])
     known = ", ".join([name for name in (*cameras, *sites) if name][:12])
-    raise ValueError(f"{path}: has no camera or site {choice.camera[:40]!r}, has {known or 'none'}")
+    raise ValueError(f"{path}: has no camera or site {name[:40]!r}, has {known or 'none'}")
 
 
 def wheel_commands(robot: UserRobot, speed: float, yaw_rate: float, measured_yaw_rate: float) -> Array:
-    """Wheel speeds (n,) rad/s of a robot for `speed` m/s and `yaw_rate` rad/s, with feedback of the gyroscope's `measured_yaw_rate`.
+    """Commands (n,) of the robot's `servos` for `speed` m/s and `yaw_rate` rad/s, with feedback of the gyroscope's `measured_yaw_rate`.
 
-    Two axles skid in a turn, as rover.wheel_speeds says; two wheels do not.
+    Two axles skid in a turn, as rover.wheel_speeds says; two wheels do not. Steered wheels are tangents to circles about one centre (Ackermann).
     """
+    if robot.steered:
+        most = 1 / robot.turning_radius
+        bend = float(np.clip(np.copysign(yaw_rate, yaw_rate * speed) / max(abs(speed), 0.05), -most, most))
+        turned = [w.sign * speed * (1 - bend * w.y) / w.radius for w in robot.driven]
+        return np.array([*turned, *(w.steer_sign * np.arctan2(bend * (w.x - robot.axle), 1 - bend * w.y) for w in robot.steered)])
     skid = 2.0 if np.ptp([wheel.x for wheel in robot.wheels]) > 0.1 else 1.0
     turn = skid * yaw_rate + 2.0 * (yaw_rate - measured_yaw_rate)
     return np.array([wheel.sign * (speed - turn * wheel.y) / wheel.radius for wheel in robot.wheels])
 
 
 def encoder_wheels(robot: UserRobot) -> list[Wheel]:
-    """The wheels whose encoders count, in the order of rover.WHEELS: the front and the rear one of each side."""
-    ordered = sorted(robot.wheels, key=lambda wheel: -wheel.x)
+    """The wheels whose encoders count, in the order of rover.WHEELS: the front and the rear one of each side, of those that are driven."""
+    ordered = sorted(robot.driven, key=lambda wheel: -wheel.x)
     left, right = ([wheel for wheel in ordered if side * wheel.y > 0] or ordered for side in (1, -1))
     return [left[0], right[0], left[-1], right[-1]]

@@ -17,7 +17,8 @@ from sim.robots.odometry import ENCODER_COUNTS
 from sim.robots.rover import WHEEL_RADIUS, WHEELS, wheel_positions
 from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
-from tracker.geometry import Array
+from tracker.geometry import Array, Pose
+from tracker.sequence.calibration import pose_row
 from tracker.types import ImuSamples, SensorSamples, SensorSetup, Setup, WheelSamples
 
 COUNT = 2 * np.pi / ENCODER_COUNTS
@@ -43,6 +44,7 @@ class RobotSensors:
         if scenario.imu:
             part, streams = PARTS[parse_imu(scenario.imu)[0]], [scenario.stream(f"{robot}/imu") for robot in robots]
             self._imus = [ImuErrors(part, scenario.imu_steps * timestep, rng) for rng in streams]
+            self._imu_mounts = [simulation.imu_mount(robot) for robot in robots]
             self._imu_clocks = [scenario.stream(f"{robot}/imu/stamps") for robot in robots]
             # True angular velocities and forces (n, robots, 6) of steps that no sample holds yet.
             self._pending: Array = np.zeros((0, len(robots), 6))
@@ -63,7 +65,10 @@ class RobotSensors:
         out: dict[str, Any] = {}
         if self.scenario.imu:
             name = parse_imu(self.scenario.imu)[0]
-            mount = {"T_body_imu": [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], "gravity": [0.0, 0.0, float(self._simulation.model.opt.gravity[2])]}
+            mount: dict[str, Any] = {"T_body_imu": pose_row(Pose.identity()), "gravity": [0.0, 0.0, float(self._simulation.model.opt.gravity[2])]}
+            told = {name: pose_row(T) for name, T in zip(self._simulation.robots, self._imu_mounts, strict=True)}
+            if any(row != mount["T_body_imu"] for row in told.values()):
+                mount["T_body_imu_of_robots"] = told
             out["imu"] = {"name": name, "rate": self.scenario.physics_rate / self.scenario.imu_steps} | asdict(PARTS[name]) | mount
         if self.scenario.wheels:
             rate, positions = self.scenario.physics_rate / self.scenario.wheel_steps, wheel_positions().tolist()
@@ -83,7 +88,7 @@ class RobotSensors:
         return SensorSamples(imu, wheels, self._frame_stamps(frame * self.scenario.period))
 
     def _sample_imu(self) -> dict[str, ImuSamples]:
-        states, n = self._simulation.step_states(), self.scenario.imu_steps
+        states, n = self._simulation.step_states().at_sensors(self._imu_mounts), self.scenario.imu_steps
         steps = np.concatenate([self._pending, np.concatenate([states.angular_velocity(), states.specific_force()], axis=2)])
         count = len(steps) // n
         first = self._step - len(self._pending)

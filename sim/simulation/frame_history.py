@@ -5,15 +5,15 @@ Between physics steps a rover moves on the geodesic of its pose. Between steps o
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from sim.crowd.crowd import CrowdState
 from sim.pedestrian import gait, skeleton
 from sim.pedestrian.gait import Terrain
-from tracker.geometry import Array
+from tracker.geometry import Array, Pose, quaternion_from_rotation
 from worlds.engine import mujoco
 
 
@@ -108,6 +108,19 @@ class StepStates:
     velocity: Array
     wheels: Array
 
+    def at_sensors(self, mounts: Sequence[Pose]) -> StepStates:
+        """The states of sensors, one a robot at its T_body_sensor: their own points and axes."""
+        place, turn = np.array([T.translation for T in mounts]), np.array([quaternion_from_rotation(T.rotation) for T in mounts])
+        if not place.any() and not turn[:, 1:].any():
+            return self
+        arm, rate = np.broadcast_to(place, self.position.shape), self.velocity[..., 3:]
+        back = self.quaternion * [1, -1, -1, -1]
+        velocity = self.velocity[..., :3] + _rotate_back(back, np.cross(rate, arm))
+        rate = _rotate_back(np.broadcast_to(turn, self.quaternion.shape), rate)
+        quaternion = _product(self.quaternion, np.broadcast_to(turn, self.quaternion.shape))
+        position = self.position + _rotate_back(back, arm)
+        return replace(self, position=position, quaternion=quaternion, velocity=np.concatenate([velocity, rate], axis=-1))
+
     def angular_velocity(self) -> Array:
         """Angular velocity (n, r, 3) rad/s, body frame, during each step. A step turns the body by exactly Exp(angular velocity · timestep)."""
         return self.velocity[1:, :, 3:]
@@ -128,3 +141,9 @@ def _rotate_back(quaternion: Array, vector: Array) -> Array:
     w, u = quaternion[..., :1], quaternion[..., 1:]
     turned = np.cross(u, vector)
     return vector - 2 * w * turned + 2 * np.cross(u, turned)
+
+
+def _product(a: Array, b: Array) -> Array:
+    """Products of quaternions (..., 4) wxyz."""
+    w, u, x, v = a[..., :1], a[..., 1:], b[..., :1], b[..., 1:]
+    return np.concatenate([w * x - (u * v).sum(axis=-1, keepdims=True), w * v + x * u + np.cross(u, v)], axis=-1)

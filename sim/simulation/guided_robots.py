@@ -1,4 +1,4 @@
-"""Motion of robots that do not roll: a base that follows its path over the ground, or flight by thrust and moments.
+"""Motion of robots that do not roll: a base that follows its path over the ground, flight by thrust and moments, or a user's controller.
 
 A walking robot is moved, not simulated: its base is parallel to the ground and its legs swing, but nothing holds it up.
 A flying robot is simulated: thrust along its own z axis, and moments, are all that moves it (Lee et al. 2010, "Geometric tracking control of a
@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim.robots.controller import CheckedController, DriveCommand, RobotState
 from sim.robots.driving import DriveState
-from sim.robots.robot_choice import BASE, THRUST
+from sim.robots.robot_choice import BASE, CONTROLLED, THRUST, WHEELS
 from sim.robots.user_robot import UserRobot
 from tracker.geometry import Array, Ints, Pose, quaternion_from_rotation, rotation_from_quaternion, rotation_z
 from worlds.engine import mujoco
@@ -46,13 +47,15 @@ class _Course:
 
 
 class GuidedRobots:
-    """The walking and flying robots of a simulation. `remember`, `before` and, after the step, `after` are called with every physics step.
+    """The robots of a simulation that neither are rovers nor have wheels that we drive.
+
+    `remember`, `before` and, after the step, `after` are called with every physics step.
 
     robots: index of the robot in the simulation → its description.
     """
 
     def __init__(self, robots: dict[int, UserRobot], model: mujoco.MjModel, terrain: Terrain, camera_height: float) -> None:
-        self._robots = {k: robot for k, robot in robots.items() if robot.motion in (BASE, THRUST)}
+        self._robots = {k: robot for k, robot in robots.items() if robot.motion != WHEELS}
         self._model, self._terrain, self._camera_height = model, terrain, camera_height
         self._courses: dict[int, _Course] = {}
         self._address: dict[int, tuple[int, int]] = {}
@@ -64,8 +67,17 @@ class GuidedRobots:
             ids = np.array([model.joint(f"robot_{k}/{name}").id for name in robot.rest], dtype=np.int64)
             legs = self._leg_addresses(k, robot)
             self._joints[k] = model.jnt_qposadr[ids], model.jnt_dofadr[ids], np.array(list(robot.rest.values())), legs
-
         self._balances = self._balance() if self._robots else {}
+        self._controlled = {k: self._controller(k, robot) for k, robot in self._robots.items() if robot.motion == CONTROLLED}
+
+    def _controller(self, k: int, robot: UserRobot) -> tuple[CheckedController, Ints]:
+        """The controller of a robot, and its actuators. Raises ValueError, with the file, as CheckedController.of."""
+        prefix = f"robot_{k}/"
+        at = [a for a in range(self._model.nu) if self._model.actuator(a).name.startswith(prefix)]
+        try:
+            return CheckedController.of(robot.choice.controller, len(at)), np.array(at, dtype=np.int64)
+        except ValueError as error:
+            raise ValueError(f"{robot.path}: {error}") from None
 
     def _leg_addresses(self, k: int, robot: UserRobot) -> tuple[Ints, Array]:
         """Position addresses (legs, 2) of hips and knees, and back, lift, phase (legs, 3)."""
@@ -92,6 +104,9 @@ class GuidedRobots:
         """Advance the courses by a physics step of `dt` s, and apply the forces of flight."""
         for k, robot in self._robots.items():
             course, drive = self._courses[k], drives[k]
+            if robot.motion == CONTROLLED:
+                self._control(k, data, drive)
+                continue
             course.yaw += drive.yaw_rate * dt
             if robot.motion == THRUST:
                 self._fly(k, data, drive.speed)
@@ -108,7 +123,8 @@ class GuidedRobots:
         """Put the walking robots where they are after a physics step, with the velocity of this step."""
         for k, robot in self._robots.items():
             if robot.motion != BASE:
-                self._hold(k, data)
+                if robot.motion == THRUST:
+                    self._hold(k, data)
                 continue
             q, v = self._address[k]
             before = Pose(rotation_from_quaternion(self._before[k][3:]), self._before[k][:3])
@@ -152,7 +168,7 @@ class GuidedRobots:
         """The pose of a robot on its course: over the ground by its height, leaning with it; a flying one level, at its height."""
         course, robot = self._courses[k], self._robots[k]
         ground = float(self._terrain.height_at(np.array([[course.x, course.y]]))[0])
-        if robot.motion == THRUST:
+        if robot.flies:
             return Pose(rotation_z(course.yaw), np.array([course.x, course.y, ground + robot.hover(self._camera_height)]))
         x = rotation_z(course.yaw)[:, 0]
         x = x - (x @ course.up) * course.up
@@ -161,6 +177,19 @@ class GuidedRobots:
         mean = float(np.mean(self._terrain.height_at(feet)))
         R = np.stack([x, np.cross(course.up, x), course.up], axis=1)
         return Pose(R, np.array([course.x, course.y, 0.5 * (mean + ground) + robot.height]))
+
+    def _control(self, k: int, data: mujoco.MjData, drive: DriveState) -> None:
+        """Set the controls of a robot by its controller."""
+        q, v = self._address[k]
+        robot, (controller, actuators) = self._robots[k], self._controlled[k]
+        position = data.qpos[q : q + 3].copy()
+        ground = float(self._terrain.height_at(position[None, :2])[0])
+        at, speed_at, _, _ = self._joints[k]
+        joints, speeds = (dict(zip(robot.rest, values.tolist(), strict=True)) for values in (data.qpos[at], data.qvel[speed_at]))
+        rotation, velocity, rate = rotation_from_quaternion(data.qpos[q + 3 : q + 7]), data.qvel[v : v + 3].copy(), data.qvel[v + 3 : v + 6].copy()
+        state = RobotState(float(data.time), position, rotation, velocity, rate, float(position[2]) - ground, joints, speeds)
+        height = robot.hover(self._camera_height) if robot.flies else robot.height
+        data.ctrl[actuators] = controller.controls(state, DriveCommand(drive.speed, drive.yaw_rate, height))
 
     def _fly(self, k: int, data: mujoco.MjData, speed: float) -> None:
         """Apply thrust and moment for a speed, m/s, along the course's yaw, at the robot's height over the ground."""

@@ -18,7 +18,7 @@ from sim.pedestrian.skeleton import sitting_poses, with_sitters
 from sim.pedestrian.umbrella import KIND, add_umbrella, umbrella_places, with_raised_arms
 from sim.robots import driving, odometry, rover
 from sim.robots.driving import DriveState, Motion, Pilot, Traffic
-from sim.robots.robot_choice import ROVER, THRUST, WHEELS, parse_robots
+from sim.robots.robot_choice import ROVER, WHEELS, parse_robots
 from sim.robots.user_robot import UserRobot, encoder_wheels, load_robot, wheel_commands
 from sim.scenario import LAMPS, VARIED_CLOTHING, Scenario
 from sim.simulation import lighting
@@ -224,6 +224,15 @@ class Simulation:
         robot = self._fleet.get(self.robots.index(name))
         return rover.camera_mount(self.scenario.camera_height) if robot is None else robot.mount(self.scenario.camera_height)
 
+    def is_of_user(self, name: str) -> bool:
+        """Whether a robot is one of a user, and no rover."""
+        return self.robots.index(name) in self._fleet
+
+    def imu_mount(self, name: str) -> Pose:
+        """T_body_imu of a robot: the site that was told, or the body itself."""
+        robot = self._fleet.get(self.robots.index(name))
+        return Pose.identity() if robot is None else robot.imu
+
     @property
     def persons(self) -> Ints:
         """Ids (m,) of the people who are present. The id of a person who has left is not reused."""
@@ -359,13 +368,13 @@ class Simulation:
         rolling, wheels, scale, motors = [], [], [], []
         for i, robot in enumerate(self.robots):
             user = self._fleet.get(i)
-            if user is not None and user.motion != WHEELS:
+            if user is not None and not user.wheels:
                 continue
             counted = [] if user is None else encoder_wheels(user)
             rolling.append(i)
             wheels.append([f"{robot}/{name}" for name in (rover.WHEELS if user is None else [wheel.joint for wheel in counted])])
             scale.append([1.0] * len(rover.WHEELS) if user is None else [wheel.sign * wheel.radius / rover.WHEEL_RADIUS for wheel in counted])
-            motors += wheels[-1] if user is None else [f"{robot}/servo/{wheel.joint}" for wheel in user.wheels]
+            motors += wheels[-1] if user is None else [f"{robot}/{servo}" for servo in user.servos]
         joints = np.array([[self.model.joint(name).id for name in names] for names in wheels], dtype=np.int64).reshape(-1, len(rover.WHEELS))
         self._rolling, self._wheel_qpos = np.array(rolling, dtype=np.int64), self.model.jnt_qposadr[joints]
         self._wheel_scale = np.array(scale).reshape(-1, len(rover.WHEELS))
@@ -376,11 +385,15 @@ class Simulation:
         if self._start is None:
             room = driving.turning_space(self.world.wheels)
             robots = draw_robots(self.scenario, room)
-            drivers: Sequence[Pilot] = [driving.make_driver(room, self.scenario.stream(f"{name}/goals"), self.scenario.speed) for name in self.robots]
+            speed, radius = self.scenario.speed, {i: user.turning_radius for i, user in self._fleet.items() if user.motion == WHEELS}
+            streams = [self.scenario.stream(f"{name}/goals") for name in self.robots]
+            drivers: Sequence[Pilot] = [driving.make_driver(room, rng, speed, radius.get(i, 0.0)) for i, rng in enumerate(streams)]
         else:
             robots, drivers = self._start.robots, self._start.drivers
         for i, (index, row) in enumerate(zip(self._poses, robots, strict=True)):
             self._data.qpos[index] = self._resting_pose(i, row)
+            for joint, rest in (self._fleet[i].rest if i in self._fleet else {}).items():
+                self._data.joint(f"{self.robots[i]}/{joint}").qpos = rest
         self.set_drivers(drivers, [driver.start(row[:2]) for driver, row in zip(drivers, robots, strict=True)])
         self._ctrl = np.zeros(self._motors.shape)
         self._systematic_errors = [odometry.SystematicErrors.draw(self.scenario.stream(f"{name}/wear")) for name in self.robots]
@@ -412,7 +425,7 @@ class Simulation:
             drive, user = self._drives[i], self._fleet.get(i)
             if user is None:
                 goals.append(rover.wheel_speeds(drive.speed, drive.yaw_rate, yaw_rate[i]))
-            else:
+            elif user.servos:
                 goals.append(wheel_commands(user, drive.speed, drive.yaw_rate, float(yaw_rate[i])))
         return np.concatenate(goals)
 
@@ -562,9 +575,10 @@ class Simulation:
             angles = np.stack([wheels[i], angles_now[i]])
             motion = odometry.FrameMotion(rates[:, i], self.model.opt.timestep, angles, R.T @ acceleration[i], R[2])
             errors, rng = self._systematic_errors[i], self._noise[i]
-            if i in self._guided:
+            user = self._fleet.get(i)
+            if user is not None and not user.wheels:
                 moved = (poses[name].inverse() @ self.T_world_robot(name)).translation
-                drift = odometry.VISUAL_DRIFT if self._fleet[i].motion == THRUST else odometry.LEG_DRIFT
+                drift = odometry.VISUAL_DRIFT if user.flies else odometry.LEG_DRIFT
                 self._odometry[name] = odometry.measure_moved(motion, moved, errors, drift, rng)
             else:
-                self._odometry[name] = odometry.measure(motion, errors, rng)
+                self._odometry[name] = odometry.measure(motion, errors, rng, 0.0 if user is None else user.axle)

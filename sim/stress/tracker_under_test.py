@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-import os
-import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,7 +11,7 @@ import numpy as np
 
 from tracker.geometry import Pose
 from tracker.io.mot15 import read_mot15
-from tracker.options import parameters_from
+from tracker.options import load_function, parameters_from
 from tracker.pipeline import track
 from tracker.sequence.results import Results
 from tracker.types import Estimate, Setup, Tick
@@ -79,19 +76,8 @@ class TrackerUnderTest:
 
 
 def load_tracker(function: str) -> TrackFunction:
-    """Import module:function. Modules of the working directory go first, as for `python -m`. Raises ValueError where there is no such function."""
-    module, _, name = function.partition(":")
-    if not module or not name:
-        raise ValueError(f"--tracker is {function!r}, needs module:function")
-    if os.getcwd() not in sys.path:
-        sys.path.insert(0, os.getcwd())
-    try:
-        found = getattr(importlib.import_module(module), name, None)
-    except ImportError as error:
-        raise ValueError(f"--tracker {function}: {error}") from None
-    if not callable(found):
-        raise ValueError(f"--tracker {function}: {module} has no function {name}")
-    imported: TrackFunction = found
+    """Import module:function. Raises ValueError as load_function."""
+    imported: TrackFunction = load_function(function, "--tracker")
     return imported
 
 

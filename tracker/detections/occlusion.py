@@ -82,7 +82,7 @@ class Bodies:
 
         rows (r,): of the bodies, by default all.
         """
-        camera, pose, occluders = view.camera, view.pose, self.setup.occluders
+        pose, occluders = view.pose, self.setup.occluders
         chosen: Any = slice(None) if rows is None else rows
         points, origin = self.points[chosen], pose.translation
         n = len(points)
@@ -91,7 +91,7 @@ class Bodies:
         rays = points.reshape(-1, 3) - origin
         distance = np.maximum(np.linalg.norm(rays, axis=1), 1e-6)
         direction = rays / distance[:, None]
-        inside = camera.pixels_from_bearings(direction @ pose.rotation)[1].reshape(n, -1)
+        inside = self._in_image(view, direction).reshape(n, -1)
         if occluders is None:
             share = inside.mean(axis=1)
             # Feet beyond the reach have no ground point, so that no box is taken there.
@@ -122,11 +122,16 @@ class Bodies:
 
     def in_view(self, view: Viewpoint) -> Mask:
         """Whether a part of each body (n,) is within the image of the view, occluded or not."""
-        camera, pose = view.camera, view.pose
-        rays = self.points.reshape(-1, 3) - pose.translation
+        rays = self.points.reshape(-1, 3) - view.pose.translation
         direction = rays / np.maximum(np.linalg.norm(rays, axis=1), 1e-6)[:, None]
-        _, visible = camera.pixels_from_bearings(direction @ pose.rotation)
-        return np.asarray(visible.reshape(len(self.points), len(POINT_HEIGHTS)).any(axis=1))
+        return np.asarray(self._in_image(view, direction).reshape(len(self.points), len(POINT_HEIGHTS)).any(axis=1))
+
+    def _in_image(self, view: Viewpoint, direction: Array) -> Mask:
+        """Whether directions (n, 3) of the world are within the image, and the robot that carries the camera is not there."""
+        bearings = direction @ view.pose.rotation
+        inside = view.camera.pixels_from_bearings(bearings)[1]
+        mount = self.setup.mounts.get(view.name)
+        return inside if mount is None or mount.own_body is None else inside & ~mount.sees_itself(bearings)
 
     def _behind_people(self, origin: Array, half_width: float = 0.25) -> Mask:
         """Which bodies (n,) have another's body before them, seen from `origin` (3,) m."""

@@ -190,7 +190,7 @@ def _write_imu(folder: Path, recording: RecordedSequence, robot: str, epoch: int
         return
     folder.mkdir()
     write_imu(folder / "data.csv", recording.nanoseconds(samples.stamp, epoch, robot), samples.gyro, samples.force)
-    noise = recording.imu_noise
+    noise = recording.imu_noise(robot)
     fields: dict[str, str | float | Sequence[float]] = {
         "rate_hz": noise.rate,
         "gyroscope_noise_density": noise.gyro_noise,

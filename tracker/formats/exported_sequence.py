@@ -262,15 +262,14 @@ class RecordedSequence:
         """Robot → samples of its wheel encoders; empty where the sequence has none."""
         return read_wheels(self.folder) if "wheels.csv" in self._checksums else {}
 
-    @cached_property
-    def imu_noise(self) -> ImuNoise:
-        """The rate, place and noise of the IMUs. Raises ValueError for fields of sensors.json that are no such numbers."""
+    def imu_noise(self, robot: str) -> ImuNoise:
+        """The rate, place and noise of the IMU of a robot. Raises ValueError for fields of sensors.json that are no such numbers."""
         content = read_sensor_setup(self.folder).description.get("imu", {})
         try:
-            T_body_imu = pose_from(content.get("T_body_imu", [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
+            told = content.get("T_body_imu_of_robots", {}).get(robot) or content.get("T_body_imu", [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
             rate, gyro, gyro_walk, force, force_walk = (float(content.get(name, 0.0)) for name in IMU_FIELDS)
-            return ImuNoise(rate, gyro, gyro_walk, force, force_walk, T_body_imu)
-        except (KeyError, TypeError, ValueError) as error:
+            return ImuNoise(rate, gyro, gyro_walk, force, force_walk, pose_from(told))
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise ValueError(f"{self.folder / 'sensors.json'}: imu: {error}") from None
 
     def true_poses(self, robot: str) -> list[Pose]:

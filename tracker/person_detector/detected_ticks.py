@@ -73,7 +73,14 @@ def _used(tick: Tick) -> list[View]:
 
 
 def _with_found(view: View, detector: PersonDetector, sites: Mapping[str, CameraPlace]) -> View:
-    return replace(view, detections=Detections.none() if view.image is None else detector.detections(view.image, sites[view.camera]))
+    if view.image is None:
+        return replace(view, detections=Detections.none())
+    site = sites[view.camera]
+    found = detector.detections(view.image, site)
+    if site.mount is not None and site.mount.own_body is not None:
+        # The robot itself, an arm of it for instance, is nobody.
+        found = found.select(~site.mount.sees_itself(found.bearing))
+    return replace(view, detections=found)
 
 
 def sites_of(setup: Setup) -> dict[str, CameraPlace]:
@@ -82,11 +89,11 @@ def sites_of(setup: Setup) -> dict[str, CameraPlace]:
     for name, mount in setup.mounts.items():
         start = setup.starts[mount.robot]
         if start is None:
-            out[name] = CameraPlace(mount.camera)
+            out[name] = CameraPlace(mount.camera, mount=mount)
             continue
         pose, fixed = start.T_world_robot @ mount.T_body_camera, setup.is_fixed(mount.robot)
         above = CameraHeight.of(pose, setup.ground, moves=not fixed)
-        out[name] = CameraPlace(mount.camera, pose, setup.ground, above) if fixed else CameraPlace(mount.camera, above=above)
+        out[name] = CameraPlace(mount.camera, pose, setup.ground, above) if fixed else CameraPlace(mount.camera, above=above, mount=mount)
     return out
 
 

@@ -19,7 +19,7 @@ from tracker.person_detector.magnification import SHARED, SLACK, magnified_parts
 from tracker.person_detector.network import STRIDE, PersonNetwork
 from tracker.person_detector.pixels import Level, level_of, level_of_part, rgb_image
 from tracker.person_detector.search_levels import CameraHeight, SearchLevel, search_levels
-from tracker.types import Detections
+from tracker.types import Detections, Mount
 
 STATURE = (1.0, 2.3)
 """m: from a child, or a person who sits, to the tallest."""
@@ -33,12 +33,16 @@ WITHIN = 2.0
 
 @dataclass(frozen=True, eq=False)
 class CameraPlace:
-    """Where a camera is: its model, its pose T_world_camera, the ground, and its height above it, each None where unknown."""
+    """Where a camera is: its model, its pose T_world_camera, the ground, and its height above it, each None where unknown.
+
+    mount: of a camera on a robot.
+    """
 
     camera: Camera | None = None
     pose: Pose | None = None
     ground: Ground | None = None
     above: CameraHeight | None = None
+    mount: Mount | None = None
 
     @property
     def wraps(self) -> bool:

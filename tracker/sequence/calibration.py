@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tracker.geometry import Pose, quaternion_from_rotation, rotation_from_quaternion
+from tracker.geometry import Mask, Pose, quaternion_from_rotation, rotation_from_quaternion
 from tracker.geometry.cameras import Camera, Cylinder, Fisheye, Panorama, Pinhole, Tsai
 from tracker.geometry.ground import Ground
 from tracker.types import Mount, Setup, Start
@@ -45,6 +45,7 @@ def calibration_of(setup: Setup) -> dict[str, Any]:
             name: _camera_json(mount.camera)
             | {"robot": mount.robot, "T_body_camera": pose_row(mount.T_body_camera)}
             | {key: value for key, value in (("readout", mount.readout), ("exposure", mount.exposure)) if value}
+            | ({} if mount.own_body is None else {"own_body": ["".join("01"[cell] for cell in row) for row in mount.own_body.astype(int)]})
             for name, mount in setup.mounts.items()
         },
         "starts": {
@@ -63,6 +64,7 @@ def setup_from(calibration: Mapping[str, Any], ground: Ground, occluders: Ground
             entry["robot"],
             _seconds(name, entry, "readout"),
             _seconds(name, entry, "exposure"),
+            own_body=_own_body(name, entry),
         )
         for name, entry in calibration["cameras"].items()
     }
@@ -77,6 +79,18 @@ def setup_from(calibration: Mapping[str, Any], ground: Ground, occluders: Ground
     if not 0 <= low < high:
         raise ValueError(f"height is {low:g} to {high:g} m, needs at least 0, the lowest first")
     return Setup(mounts, ground, starts, period, height=(low, high), occluders=occluders)
+
+
+def _own_body(name: str, entry: Mapping[str, Any]) -> Mask | None:
+    """Where a camera sees its own robot, or None. Raises ValueError for what are no rows of 0 and 1 of one length."""
+    rows = entry.get("own_body")
+    if rows is None:
+        return None
+    if not isinstance(rows, list) or not rows or not all(isinstance(row, str) and row and not set(row) - {"0", "1"} for row in rows):
+        raise ValueError(f"own_body of camera {name!r} is {str(rows)[:40]}, needs rows of 0 and 1")
+    if len({len(row) for row in rows}) > 1:
+        raise ValueError(f"own_body of camera {name!r} has rows of several lengths, needs one")
+    return np.array([[cell == "1" for cell in row] for row in rows])
 
 
 def _seconds(name: str, entry: Mapping[str, Any], key: str) -> float:

@@ -6,7 +6,7 @@ seam, and cropped towards the poles, where the projection stretches.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import cv2
@@ -65,6 +65,10 @@ class Features:
 
     def __len__(self) -> int:
         return len(self.bearing)
+
+    def select(self, chosen: Mask) -> Features:
+        """The features of a mask (n,)."""
+        return Features(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
     def sightings(self) -> Sightings:
         """The features as sightings of unidentified landmarks."""

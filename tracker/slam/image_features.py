@@ -32,6 +32,7 @@ class _Job:
     view: View
     image: Image
     camera: Panorama
+    mount: Mount
     up: Array
 
 
@@ -64,7 +65,9 @@ class ImageFeatures:
         return replace(tick, views=tuple(replace(view, features=features.get(view, view.features)) for view in tick.views))
 
     def _search(self, job: _Job) -> Sightings:
-        return extract(job.image, job.camera, job.up, job.view.detections, self._parameters).sightings()
+        found = extract(job.image, job.camera, job.up, job.view.detections, self._parameters)
+        own = job.mount.sees_itself(found.bearing)
+        return (found.select(~own) if own.any() else found).sightings()
 
     def _jobs(self, tick: Tick) -> Iterator[_Job]:
         for view in tick.views:
@@ -72,7 +75,7 @@ class ImageFeatures:
             if view.image is None or view.sightings is not None or view.features is not None or self._setup.is_fixed(mount.robot):
                 continue
             if isinstance(mount.camera, Panorama):
-                yield _Job(view, view.image, mount.camera, mount.T_body_camera.rotation.T @ self._up_of(mount.robot))
+                yield _Job(view, view.image, mount.camera, mount, mount.T_body_camera.rotation.T @ self._up_of(mount.robot))
 
     def _up_of(self, robot: str) -> Array:
         """The direction "up" (3,) in the body frame: that of the start without odometry, and upright where the start is unknown."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +50,10 @@ class Detections:
 
     def __len__(self) -> int:
         return len(self.bearing)
+
+    def select(self, rows: Mask) -> Detections:
+        """The detections of a mask (n,)."""
+        return Detections(*(getattr(self, field.name)[rows] for field in fields(self)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tracker.geometry import Array, Mask, Pose, check_covariance, set_array
-from tracker.geometry.cameras import Camera
+from tracker.geometry.cameras import Camera, Panorama
 from tracker.geometry.ground import Ground, inside_area
 from tracker.types.detections import RobotDetections
 
@@ -18,6 +18,7 @@ class Mount:
 
     readout: s from the first row to the last of a rolling shutter. exposure: s. The time of a frame is the end of its last row's exposure.
     period: usual s between its frames, 0 for that of the setup.
+    own_body (rows, columns): where the camera sees the robot that carries it, over all directions as in a panorama; None where it does not.
     """
 
     camera: Camera
@@ -26,6 +27,16 @@ class Mount:
     readout: float = 0.0
     exposure: float = 0.0
     period: float = 0.0
+    own_body: Mask | None = None
+
+    def sees_itself(self, bearings: Array) -> Mask:
+        """Whether the robot that carries the camera lies in directions (n, 3), unit, camera frame."""
+        if self.own_body is None:
+            return np.zeros(len(bearings), dtype=bool)
+        rows, columns = self.own_body.shape
+        pixels, _ = Panorama(columns, rows).pixels_from_bearings(bearings)
+        column, row = np.minimum(pixels.astype(np.int64), [columns - 1, rows - 1]).T
+        return np.asarray(self.own_body[row, column])
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,7 +28,7 @@ BEYOND = 3.0
 
 def build_model(place: Place, rng: np.random.Generator) -> World:
     """The world of MJCF. Raises ValueError where MuJoCo cannot compile it, and where people or rovers could not get about in it."""
-    user = read_model(place.source)
+    user, _ = read_model(place.source)
     notes = _prepared(user)
     spec = mujoco.MjSpec()
     spec.modelname = place.name

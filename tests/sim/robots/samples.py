@@ -12,7 +12,7 @@ HULL = '<geom name="hull" type="box" size="0.22 0.15 0.05" pos="0 0 0.15" mass="
 
 def rolling(path: Path, wheels: list[tuple[str, float, float]], extra: str = "", steered: tuple[str, ...] = ()) -> str:
     """An MJCF of a hull on wheels: name, x and y m of each. steered: wheels below a vertical hinge."""
-    turn = '<joint name="steer_{}" type="hinge" axis="0 0 1" range="-0.6 0.6" limited="true"/>'
+    turn = '<joint name="steer_{}" type="hinge" axis="0 0 1" range="-35 35" limited="true"/>'
     bodies = "".join(WHEEL.format(name=n, x=x, y=y, steer=turn.format(n) if n in steered else "") for n, x, y in wheels)
     site = '<site name="eye" pos="0.1 0 0.6"/>'
     path.write_text(f'<mujoco model="cart"><worldbody><body name="cart"><freejoint/>{HULL}{site}{extra}{bodies}</body></worldbody></mujoco>')
@@ -22,6 +22,21 @@ def rolling(path: Path, wheels: list[tuple[str, float, float]], extra: str = "",
 def differential(folder: Path) -> str:
     """Two wheels and a caster."""
     return rolling(folder / "differential.xml", [("left", 0.15, 0.2), ("right", 0.15, -0.2)], CASTER)
+
+
+def self_controlled(folder: Path, controller: str) -> str:
+    """The cart with motors of its own, which a controller sets, and its choice."""
+    motors = '<actuator><velocity joint="left" kv="3"/><velocity name="right" joint="right" kv="3"/></actuator></mujoco>'
+    path = folder / "own.xml"
+    path.write_text(Path(differential(folder)).read_text().replace("</mujoco>", motors))
+    return f"{path}:controller={controller}"
+
+
+def tower(folder: Path) -> str:
+    """Two wheels, a camera at 1.2 m before a tower that is higher, and a site for an IMU, turned by a quarter."""
+    extra = CASTER + """<geom name="tower" type="box" size="0.05 0.2 0.8" pos="-0.1 0 0.9" mass="1"/><site name="head" pos="0.1 0 1.2"/>
+<site name="imu" pos="0.1 0.05 0.3" euler="0 0 90"/>"""
+    return rolling(folder / "tower.xml", [("left", 0.0, 0.2), ("right", 0.0, -0.2)], extra)
 
 
 def skid_steer(folder: Path) -> str:

@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from sim.recording.tracker_setup import make_setup
+from sim.robots.controller import DriveCommand, RobotState
 from sim.robots.robot_choice import RobotChoice, parse_robots
-from sim.robots.user_robot import load_robot
+from sim.robots.user_robot import load_robot, wheel_commands
 from sim.scenario import Scenario
 from sim.simulation import Simulation
-from tests.sim.robots.samples import ackermann, differential, quadrotor, rolling, skid_steer, walker
+from tests.sim.robots.samples import ackermann, differential, quadrotor, rolling, self_controlled, skid_steer, tower, walker
+from tracker.detections.occlusion import Bodies, Viewpoint
+from tracker.geometry import Pose, rotation_from_quaternion
+from tracker.sequence.calibration import calibration_of, setup_from
 
 KINDS: dict[Callable[[Path], str], tuple[str, int, int]] = {
     differential: ("wheels", 2, 0),
     skid_steer: ("wheels", 4, 0),
-    ackermann: ("base", 0, 0),
+    ackermann: ("wheels", 4, 0),
     walker: ("base", 0, 4),
     quadrotor: ("thrust", 0, 0),
 }
@@ -82,11 +88,87 @@ def test_the_camera_is_where_it_is_told(tmp_path: Path) -> None:
         load_robot(RobotChoice(differential(tmp_path), camera="nose"))
 
 
+def cart(state: RobotState, command: DriveCommand) -> list[float]:
+    """A controller of two wheels with a radius of 0.1 m, 0.4 m apart."""
+    turn = command.yaw_rate + 2 * (command.yaw_rate - state.rate[2])
+    assert state.joints.keys() == state.speeds.keys() == {"left", "right"}
+    return [(command.speed - 0.2 * turn) / 0.1, (command.speed + 0.2 * turn) / 0.1]
+
+
+def test_a_controller_of_the_user_drives(tmp_path: Path) -> None:
+    simulation, path, errors = drive(self_controlled(tmp_path, f"{__name__}:cart"))
+    assert np.linalg.norm(np.diff(path[:, :2], axis=0), axis=1).sum() > 1.0
+    assert not simulation.tipped()["robot_0"]
+    assert (errors**2).mean() < 6
+
+
+BAD_CONTROLLERS = {
+    "numpy:sum": r"numpy:sum failed at 0\.000 s \(TypeError: ",
+    "numpy:nothing": "numpy has no function nothing",
+    "builtins:repr": r"builtins:repr failed at 0\.000 s|needs 2 finite numbers",
+    "numpy": "controller is 'numpy', needs module:function",
+}
+
+
+@pytest.mark.parametrize("controller", BAD_CONTROLLERS)
+def test_a_bad_controller_is_one_line(tmp_path: Path, controller: str) -> None:
+    with pytest.raises(ValueError, match=BAD_CONTROLLERS[controller]):
+        drive(self_controlled(tmp_path, controller), frames=1)
+
+
+def test_a_robot_with_steered_wheels_turns_about_one_centre(tmp_path: Path) -> None:
+    robot = load_robot(RobotChoice(ackermann(tmp_path)))
+    assert robot.turning_radius == pytest.approx(0.4 / np.tan(np.radians(35)) + 0.2)
+    left, right, *steer = wheel_commands(robot, 0.5, 0.25, 0.0)
+    assert [wheel.joint for wheel in robot.driven] == ["rl", "rr"]
+    np.testing.assert_allclose([left, right], np.array([1.8, 2.2]) / 2.0 * 0.5 / 0.1)
+    np.testing.assert_allclose(1 / np.tan(steer), [1.8 / 0.4, 2.2 / 0.4])
+    assert wheel_commands(robot, -0.5, 0.25, 0.0)[2] < 0
+    assert np.abs(wheel_commands(robot, 0.0, 0.8, 0.0)[2:]).max() <= np.radians(35) + 1e-9
+
+
+def test_the_mask_of_its_own_body_is_what_the_camera_sees_of_it(tmp_path: Path) -> None:
+    simulation = Simulation(Scenario(world="hall", difficulty=0.0, robots=2, people=0, robot=f"rover,{tower(tmp_path)}:camera=head"))
+    setup = make_setup(simulation)
+    assert setup.mounts["robot_0_camera"].own_body is None
+    mount = setup.mounts["robot_1_camera"]
+    angle = np.radians([0, 90, 150, 180])
+    assert mount.sees_itself(np.column_stack([np.cos(angle), np.sin(angle), np.zeros(4)])).tolist() == [False, False, True, True]
+    again = setup_from(calibration_of(setup), setup.ground, setup.occluders).mounts["robot_1_camera"]
+    np.testing.assert_array_equal(again.own_body, mount.own_body)
+    pose = simulation.T_world_robot("robot_1") @ mount.T_body_camera
+    places = pose.apply(np.array([[4.0, 0, 0], [-4.0, 0, 0]]))[:, :2]
+    bodies = Bodies(places, np.arange(2), np.arange(2), replace(setup, occluders=None), lambda _, share: np.ones(len(share)))
+    seen = bodies.expected_detection(Viewpoint("robot_1_camera", mount.camera, pose), 20.0)
+    assert seen.tolist() == [1.0, 0.0], "nobody is expected behind the tower"
+
+
+def test_an_imu_at_a_site_measures_what_its_place_and_axes_do(tmp_path: Path) -> None:
+    both = f"{tower(tmp_path)}:imu=imu,{tower(tmp_path)}"
+    scenario = Scenario(world="hall", difficulty=0.0, robots=2, people=0, robot=both, imu="ideal@100", rate=10)
+    simulation = Simulation(scenario)
+    assert simulation.imu_mount("robot_1").translation.tolist() == [0, 0, 0]
+    simulation.keep_steps = True
+    for _ in range(10):
+        simulation.step()
+    states, mount = simulation.step_states(), simulation.imu_mount("robot_0")
+    moved = states.at_sensors([mount, Pose.identity()])
+    np.testing.assert_array_equal(moved.specific_force()[:, 1], states.specific_force()[:, 1])
+    poses = [Pose(rotation_from_quaternion(q), p) @ mount for q, p in zip(states.quaternion[:, 0], states.position[:, 0], strict=True)]
+    np.testing.assert_allclose(moved.position[:, 0], [pose.translation for pose in poses], atol=1e-12)
+    np.testing.assert_allclose([rotation_from_quaternion(q) for q in moved.quaternion[:, 0]], [pose.rotation for pose in poses], atol=1e-12)
+    speed = np.diff(moved.position[:, 0], axis=0) / states.timestep
+    np.testing.assert_allclose(moved.velocity[1:, 0, :3], speed, atol=5e-3)
+    turn = states.angular_velocity()[:, 0]
+    np.testing.assert_allclose(moved.angular_velocity()[:, 0], turn[:, [1, 0, 2]] * [1, -1, 1], atol=1e-9)
+
+
 BAD = {
     "": r"needs NAME or FILE\.xml",
     "rover,": r"needs NAME or FILE\.xml",
     "a.xml:motion=swim": "motion=swim, needs one of wheels, base, thrust",
-    "a.xml:wings=2": "with :motion=… or :camera=… behind it",
+    "a.xml:wings=2": "then :motion=…, :camera=…, :imu=… or :controller=MODULE:FUNCTION",
+    "a.xml:controller=m:f:motion=base": "has motion and controller, needs one of them",
     "none.xml": r"robot none\.xml: no such file",
 }
 
@@ -101,7 +183,7 @@ def test_what_cannot_drive_is_one_line(tmp_path: Path, monkeypatch: pytest.Monke
     wide = rolling(tmp_path / "wide.xml", [("left", 0.05, 0.9), ("right", 0.05, -0.9)])
     with pytest.raises(ValueError, match=r"is 1\.86 m wide, needs at most 1\.1 m"):
         load_robot(RobotChoice(wide))
-    with pytest.raises(ValueError, match="has 0 wheels on fixed lateral axles"):
+    with pytest.raises(ValueError, match="has 0 wheels on lateral axles"):
         load_robot(RobotChoice(walker(tmp_path), motion="wheels"))
     menagerie = pytest.importorskip("mujoco_menagerie")
     monkeypatch.setenv("MENAGERIE_ROOT", str(tmp_path))

@@ -180,7 +180,7 @@ class BagScene:
             transforms.append(transform(f"{name}/camera", f"{name}/optical", OPTICAL, stamp))
         for robot in self.recording.imu:
             name = self.robots[robot]
-            transforms.append(transform(f"{name}/base_link", f"{name}/imu", self.recording.imu_noise.T_body_imu, stamp))
+            transforms.append(transform(f"{name}/base_link", f"{name}/imu", self.recording.imu_noise(robot).T_body_imu, stamp))
         yield Topic("/tf_static", "tf2_msgs/TFMessage", latched=True), {"transforms": transforms}
         for robot in setup.anchored_robots:
             if (start := setup.starts[robot]) is not None:
@@ -219,7 +219,7 @@ class BagScene:
         return out
 
     def _imu(self, robot: str, row: int) -> tuple[Topic, Message]:
-        samples, noise, name = self.recording.imu[robot], self.recording.imu_noise, self.robots[robot]
+        samples, noise, name = self.recording.imu[robot], self.recording.imu_noise(robot), self.robots[robot]
         sigma = (noise.gyro_noise * noise.rate**0.5, noise.force_noise * noise.rate**0.5)
         stamp = self._sample_stamps["imu", robot][row]
         return Topic(f"/{name}/imu", "sensor_msgs/Imu"), imu_message(samples.gyro[row], samples.force[row], sigma, stamp, f"{name}/imu")
