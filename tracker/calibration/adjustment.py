@@ -14,7 +14,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
-from tracker.calibration.body import EDGES, GLOBALS, HEIGHT, NAMES, OFFSET, boxes_of, ground_places
+from tracker.calibration.body import EDGES, GLOBALS, HEIGHT, MEAN_STATURE, NAMES, OF_BOXES, OFFSET, boxes_of, ground_places
 from tracker.calibration.marginal import PeoplesPaths, local_covariances
 from tracker.calibration.people import Observations
 from tracker.calibration.single_view import SPREAD, STATURE
@@ -110,9 +110,9 @@ class Problem:
         self.first = np.cumsum([0, *self.count[:-1].tolist()])
         self.knots = int(self.count.sum())
         self.body, self.rows, self._first_rows = prior.body[:, 0].copy(), rows.copy(), rows.copy()
-        self.stature = np.full(self.people, self.body[2])
+        self.stature = np.full(self.people, self.body[MEAN_STATURE])
         self.place = self._initial_places()
-        self.integrated, self.smoothing = False, 1.0
+        self.smoothing = 1.0
 
     def _initial_places(self) -> Array:
         """Knots (knots, 2) of paths through the feet of all cameras."""
@@ -187,7 +187,7 @@ class Problem:
         camera = np.where(np.isfinite(sigma), (rows.ravel()[self.free] - mean) / np.where(np.isfinite(sigma), sigma, 1.0), 0.0)
         bodies = (body - self.prior.body[:, 0]) / self.prior.body[:, 1]
         apart = [(self._distance(rows, a, b) - far) / error for a, b, far, error in self.prior.distances]
-        return np.concatenate([camera, bodies, apart]), (stature / body[2] - 1) * RELATIVE, self._smooth @ place * self._unit(rows)
+        return np.concatenate([camera, bodies, apart]), (stature / body[MEAN_STATURE] - 1) * RELATIVE, self._smooth @ place * self._unit(rows)
 
     def _unit(self, rows: Array) -> float:
         """Factor of the smoothness of paths: as the world was smaller at first, by the heights of cameras, smooth paths draw no scale.
@@ -266,7 +266,7 @@ class Problem:
             for column in np.flatnonzero(self.free % len(NAMES) == p).tolist():
                 own = self.of_view[int(self.free[column]) // len(NAMES)]
                 J.reshape(n, 3, -1)[own, :, column] = d[own]
-        for g in (0, 1, 3, 4, 5):
+        for g in OF_BOXES:
             J[:, free + g] = derivative("body", g, 1e-4).ravel()
         i = np.arange(3 * n)
         knot, part = np.repeat(at, 3), np.repeat(share, 3)
@@ -293,16 +293,16 @@ class Problem:
                 moved = state[0].copy().ravel()
                 moved[flat] += 1e-5
                 P[free + bodies + k, column] = (self._distance(moved.reshape(state[0].shape), a, b) - base) / 1e-5 / error
-        mean, scale = state[1][2], self._unit(state[0])
+        mean, scale = state[1][MEAN_STATURE], self._unit(state[0])
         D = sparse.block_diag([sparse.eye(self.people) * (RELATIVE / mean), self._smooth * scale, self._smooth * scale]).tocsr()
         C = (K.T @ K + D.T @ D + LEAST * sparse.eye(K.shape[1])).tocsc()
         g = np.concatenate([stature, smooth[:, 0], smooth[:, 1]])
         E = np.zeros((len(g), free + bodies))
-        E[: self.people, free + 2] = -state[2] * (RELATIVE / mean**2)
+        E[: self.people, free + MEAN_STATURE] = -state[2] * (RELATIVE / mean**2)
         E[self.people :, np.flatnonzero(self.free % len(NAMES) == HEIGHT)] = -g[self.people :, None] / len(self.cameras)
         cross, A, right = K.T @ J + D.T @ E, J.T @ J + P.T @ P + E.T @ E, J.T @ wr + P.T @ camera + E.T @ g
         system |= {"A": A, "B": cross, "C": C, "a": right, "c": K.T @ wr + D.T @ g}
-        return self._with_marginal(state, system) if self.integrated else system
+        return system
 
     def _with_marginal(self, state: State, system: dict[str, Array]) -> dict[str, Array]:
         """The same with the gradient of half the logarithm of C's determinant over that of the prior.
@@ -329,7 +329,7 @@ class Problem:
             own = np.flatnonzero(self.free % len(NAMES) == p)
             right[own] += of_view[self.free[own] // len(NAMES)]
         right[np.flatnonzero(self.free % len(NAMES) == HEIGHT)] += decided / len(rows)
-        for g in (0, 1, 3, 4, 5):
+        for g in OF_BOXES:
             right[len(self.free) + g] += each((rows, state[1] + 1e-3 * (np.arange(len(GLOBALS)) == g), *state[2:]), 1e-3).sum()
         rest[: self.people] += np.bincount(s.person, each((*state[:2], state[2] + 1e-3, state[3]), 1e-3), minlength=self.people)
         for axis in (0, 1):
@@ -350,9 +350,8 @@ class Problem:
         """The cameras of greatest marginal density, near those that `solve` found; errors of boxes and accelerations are estimated, too."""
         moving = np.append(np.ones(len(self.free), dtype=bool) if held is None else ~held, np.ones(len(GLOBALS), dtype=bool))
         state = self.rows, self.body, self.stature, self.place
-        self.integrated = True
         for _ in range(rounds):
-            system = self._system(state)
+            system = self._with_marginal(state, self._system(state))
             rough = self._smooth @ state[3] * self._unit(state[0])
             self.smoothing *= float(np.sqrt(max(float(system["decided"]), 1.0) / max(float((rough**2).sum()), 1e-9)) ** PART)
             self.rescale(system["lever"])
@@ -372,10 +371,10 @@ class Problem:
         camera[moving] = -np.linalg.solve(S[np.ix_(moving, moving)] + 1e-12 * np.eye(int(moving.sum())) * np.trace(S), right[moving])
         return camera, -(X[:, -1] + X[:, :-1] @ camera)
 
-    def information(self) -> tuple[Array, Array, Array]:
+    def information(self, marginal: bool = False) -> tuple[Array, Array, Array]:
         """Of the free parameters and the bodies, people eliminated: gradient (p,), information (p, p), and covariance (p, p) of the gradient.
 
-        The last holds what boxes of a person in a camera have in common, and errors that all boxes of a camera may have.
+        marginal: whether the gradient is that of the marginal density, which `integrate` brings to 0. The covariance holds what boxes of a person in a camera have in common, and errors that all boxes of a camera may have.
         """
         state = self.rows, self.body, self.stature, self.place
         weight = self.weights()
@@ -383,6 +382,8 @@ class Problem:
         # The derivative of Cauchy's score is less than its weight (Huber 1981, section 6.5), in the mean over the three edges by this factor.
         bend = max(1 - 2 / 3 * float((weight**2 * square).sum() / weight.sum()) / CAUCHY**2, 0.2)
         system = self._system(state, bend)
+        if marginal:
+            system = self._with_marginal(state, system)
         X = _factor(system["C"]).solve(np.column_stack([system["B"], system["c"]]))
         H, gradient = system["A"] - system["B"].T @ X[:, :-1], system["a"] - system["B"].T @ X[:, -1]
         reduced = system["J"] - system["K"] @ X[:, :-1]
@@ -442,7 +443,7 @@ def adjust(cameras: Sequence[Camera], seen: Observations, rows: Array, prior: Pr
     """
     first = Problem(cameras, seen, rows, prior)
     first.solve(max(rounds // 2, 4))
-    ratio, count = first.stature / first.body[2], np.bincount(seen.person, minlength=first.people)
+    ratio, count = first.stature / first.body[MEAN_STATURE], np.bincount(seen.person, minlength=first.people)
     inliers = np.bincount(seen.person, first.weights() > INLIER, minlength=first.people) / np.maximum(count, 1)
     kept = (np.abs(np.log(ratio)) < MOST_RATIO) & (inliers > LEAST_INLIERS)
     if not kept[seen.person].any():

@@ -22,7 +22,10 @@ BODY_WIDTH = 0.5
 GLOBALS = ("foot", "head", "stature", "side", "top", "bottom")
 """Of all bodies. foot: m from the middle to the nearest point on the ground. head: m to the point that the upper edge touches. Mean stature, m.
 side: by how much boxes are too far to the right. top, bottom: by how much these edges are too low. All three are shares of a box's height."""
-EDGES = slice(3, 6)
+EDGES = slice(GLOBALS.index("side"), len(GLOBALS))
+MEAN_STATURE = GLOBALS.index("stature")
+OF_BOXES = tuple(k for k in range(len(GLOBALS)) if k != MEAN_STATURE)
+"""Those of GLOBALS that boxes depend on; the mean stature is in the prior of statures alone."""
 LEAST_DEPTH = 0.05
 """m: points nearer to the plane of the lens have no pixel."""
 

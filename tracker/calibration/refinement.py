@@ -53,14 +53,13 @@ def refine(cameras: Sequence[Camera], seen: Observations, rows: Array, prior: Pr
 
 def _solved(problem: Problem, moved: Mask) -> None:
     """Bring what may move to its best state."""
-    problem.integrated = False
     problem.solve(ROUNDS, ~moved.ravel()[problem.free])
     problem.integrate(held=~moved.ravel()[problem.free])
 
 
 def _worst(problem: Problem, moved: Mask, usable: Mask) -> int | None:
     """The camera against whose parameters the data speak most, of those that stay; None where none is significant."""
-    gradient, information, covariance = problem.information()
+    gradient, information, covariance = problem.information(marginal=True)
     flat = moved.ravel()[problem.free]
     out = np.append(flat, np.ones(len(GLOBALS), dtype=bool))
     best: tuple[float, int] | None = None
