@@ -19,7 +19,7 @@ from tracker.detector_models.model import named_model
 from tracker.detector_models.observations import TruePeople
 from tracker.detector_models.simulation import simulated_detections
 from tracker.geometry import Array
-from tracker.geometry.cameras import Pinhole
+from tracker.geometry.cameras import Camera
 from tracker.recordings import Recording, RecordingCamera
 
 KINDS = {"room": ((6.0, 10.0), (4.0, 6.0)), "hall": ((14.0, 26.0), (9.0, 16.0)), "square": ((16.0, 30.0), (12.0, 24.0))}
@@ -70,6 +70,12 @@ def unknown(camera: RecordingCamera) -> RecordingCamera:
     return RecordingCamera.uncalibrated(camera.camera.width, camera.camera.height)
 
 
+def focal_of(camera: Camera) -> float:
+    """Focal length px at the middle of a lens."""
+    axis = np.array([[1.0, 0.0, 0.0], [1.0, -1e-3, 0.0]])
+    return float(np.diff(camera.pixels_from_bearings(axis / np.linalg.norm(axis, axis=1, keepdims=True))[0][:, 0])[0] / 1e-3)
+
+
 def true_rows(case: Synthetic, names: list[str]) -> Array:
     """Parameters (cameras, 11) of the true cameras, in the frame of the first one."""
     out, first = [], case.cameras[names[0]]
@@ -77,11 +83,9 @@ def true_rows(case: Synthetic, names: list[str]) -> Array:
     turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
     for name in names:
         camera, row = case.cameras[name], np.zeros(11)
-        guess = case.recording.cameras[name].camera
-        assert isinstance(camera.camera, Pinhole)
-        assert isinstance(guess, Pinhole)
         pitch, roll, own = angles_of(camera.pose.rotation)
-        row[FOCAL], row[HEIGHT] = np.log(camera.camera.fx / guess.fx), np.log(camera.pose.translation[2])
+        row[FOCAL] = np.log(focal_of(camera.camera) / focal_of(case.recording.cameras[name].camera))
+        row[HEIGHT] = np.log(camera.pose.translation[2])
         row[[PITCH, ROLL]], row[YAW] = (pitch, roll), np.angle(np.exp(1j * (own - yaw)))
         row[[X, Y]] = turn @ (camera.pose.translation - first.pose.translation)[:2]
         row[OFFSET] = case.offsets[name] - case.offsets[names[0]]
@@ -89,27 +93,37 @@ def true_rows(case: Synthetic, names: list[str]) -> Array:
     return np.array(out)
 
 
+def similarity(found: Calibration, case: Synthetic) -> tuple[complex, float, complex]:
+    """Turn, factor and shift m that bring the places of the found cameras best to the true ones."""
+    ours, true = (np.array([cameras[name].pose.translation for name in found.cameras]) for cameras in (found.cameras, case.cameras))
+    z, w, h, g = ours[:, 0] + 1j * ours[:, 1], true[:, 0] + 1j * true[:, 1], ours[:, 2], true[:, 2]
+    a, b = z - z.mean(), w - w.mean()
+    cross = np.vdot(a, b)
+    turn = complex(cross / abs(cross)) if abs(cross) > 0 else 1.0 + 0j
+    factor = float((np.vdot(a * turn, b).real + h @ g) / ((np.abs(a) ** 2).sum() + h @ h))
+    return turn, factor, complex(w.mean() - factor * turn * z.mean())
+
+
 def errors(case: Synthetic, found: Calibration) -> dict[str, Array]:
     """Errors of cameras (n,) after the best similarity: focal %, angles °, place in % of the mean distance of people, offset s; NEES as it is."""
-    rows, true = found.rows, true_rows(case, list(found.cameras))
-    z, w = (r[:, X] + 1j * r[:, Y] for r in (rows, true))
-    z, w, h, g = z - z.mean(), w - w.mean(), np.exp(rows[:, HEIGHT]), np.exp(true[:, HEIGHT])
-    cross = np.vdot(z, w)
-    turn = cross / abs(cross) if abs(cross) > 0 else 1.0
-    factor = (np.vdot(z * turn, w).real + h @ g) / ((np.abs(z) ** 2).sum() + h @ h)
+    turn, factor, shift = similarity(found, case)
     places = np.concatenate([place for _, place in found.paths.values()])
-    away = factor * np.array([np.hypot(*(places - row[[X, Y]]).T).mean() for row in rows])
-    apart = rows - true
+    place, angle = [], []
+    for name, row in zip(found.cameras, found.rows, strict=True):
+        pose, z = case.cameras[name].pose, factor * turn * complex(*row[[X, Y]]) + shift
+        off = np.linalg.norm([z.real, z.imag, factor * np.exp(row[HEIGHT])] - pose.translation)
+        place.append(100 * off / (factor * np.hypot(*(places - row[[X, Y]]).T).mean()))
+        yaw = row[YAW] + np.angle(turn)
+        difference = np.array([row[PITCH], row[ROLL], yaw]) - angles_of(pose.rotation)
+        angle.append(np.degrees(np.abs(np.angle(np.exp(1j * difference)))).max())
+    apart = found.rows - true_rows(case, list(found.cameras))
     apart[:, YAW] = np.angle(np.exp(1j * apart[:, YAW]))
     free = np.flatnonzero(np.diag(found.covariance) > 0)
     flat = apart.ravel()[free]
     nees = float(flat @ np.linalg.pinv(found.covariance[np.ix_(free, free)], hermitian=True) @ flat) / len(free)
-    turned = np.angle(np.exp(1j * apart[:, YAW]) * turn)
-    angles = np.degrees(np.abs(np.column_stack([apart[:, PITCH], apart[:, ROLL], turned])).max(axis=1))
-    place = 100 * np.hypot(np.abs(factor * turn * z - w), factor * h - g) / away
     sigma = np.sqrt(np.diag(found.covariance))[free]
     return {
-        "focal": 100 * np.abs(apart[:, FOCAL]), "angle": angles, "place": place, "offset": np.abs(apart[:, OFFSET]),
+        "focal": 100 * np.abs(apart[:, FOCAL]), "angle": np.array(angle), "place": np.array(place), "offset": np.abs(apart[:, OFFSET]),
         "scale": np.array([100 * abs(1 - factor)]), "NEES": np.array([nees]), "z": np.array([np.sqrt(((flat / sigma) ** 2).mean())]),
     }  # fmt: skip
 

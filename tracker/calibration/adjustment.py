@@ -8,7 +8,7 @@ boxes of a person in a camera are not independent.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import sparse
@@ -76,10 +76,6 @@ class Adjusted:
     weight: Array
     paths: dict[int, tuple[Array, Array]]
     stature: Array
-
-    def with_sigma(self, covariance: Array) -> Adjusted:
-        """The same with another covariance."""
-        return replace(self, covariance=covariance)
 
     def figures(self) -> dict[str, float]:
         """Numbers of boxes and people, share of boxes that are no outliers, mean stature m, and the distances of body.GLOBALS, m."""
@@ -374,7 +370,8 @@ class Problem:
     def information(self, marginal: bool = False) -> tuple[Array, Array, Array]:
         """Of the free parameters and the bodies, people eliminated: gradient (p,), information (p, p), and covariance (p, p) of the gradient.
 
-        marginal: whether the gradient is that of the marginal density, which `integrate` brings to 0. The covariance holds what boxes of a person in a camera have in common, and errors that all boxes of a camera may have.
+        marginal: whether the gradient is that of the marginal density, which `integrate` brings to 0.
+        The covariance holds what boxes of a person in a camera have in common, and errors that all boxes of a camera may have.
         """
         state = self.rows, self.body, self.stature, self.place
         weight = self.weights()

@@ -7,6 +7,7 @@ where the camera looks down. The middle column is that between the outermost poi
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -55,10 +56,16 @@ def lens_of(camera: Camera, row: Array) -> Camera:
     """The camera with the focal length, principal point and k1 of its parameters (11,)."""
     if not isinstance(camera, LensCamera) or not row[:PITCH].any():
         return camera
-    factor, width = float(np.exp(row[FOCAL])), camera.width
-    moved = replace(camera, fx=camera.fx * factor, fy=camera.fy * factor, cx=camera.cx + row[CX] * width, cy=camera.cy + row[CY] * width)
-    if isinstance(camera, Pinhole) and row[K1]:
-        moved = replace(moved, distortion=(camera.distortion[0] + float(row[K1]), *camera.distortion[1:]))  # type: ignore[call-arg]
+    return _lens(camera, *row[:PITCH].tolist())
+
+
+@lru_cache(maxsize=64)
+def _lens(camera: LensCamera, focal: float, cx: float, cy: float, k1: float) -> LensCamera:
+    """As lens_of. What a lens is checked for costs as much as its projection of some hundred points."""
+    factor, width = float(np.exp(focal)), camera.width
+    moved = replace(camera, fx=camera.fx * factor, fy=camera.fy * factor, cx=camera.cx + cx * width, cy=camera.cy + cy * width)
+    if isinstance(camera, Pinhole) and k1:
+        moved = replace(moved, distortion=(camera.distortion[0] + k1, *camera.distortion[1:]))  # type: ignore[call-arg]
     return moved
 
 

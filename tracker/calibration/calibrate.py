@@ -19,7 +19,7 @@ from tracker.calibration.body import CX, CY, FOCAL, HEIGHT, K1, OFFSET, PITCH, R
 from tracker.calibration.boxes import linked_boxes
 from tracker.calibration.people import MOST, observations
 from tracker.calibration.refinement import changes, refine
-from tracker.calibration.registration import CameraBoxes, Cloud, Match, agreement, match, paths_of, steps_of, visible
+from tracker.calibration.registration import CameraBoxes, Match, match, seen_alike, steps_of
 from tracker.calibration.result import Calibration, Known
 from tracker.calibration.single_view import LEAST_BOXES, ROLL_SIGMA, STATURE, USUAL_FOCAL, USUAL_HEIGHT, SingleView, single_view
 from tracker.geometry import Array, Pose
@@ -28,8 +28,6 @@ from tracker.recordings import Recording, RecordingCamera
 
 LEAST_SHARE, LEAST_SCORE = 0.25, 12.0
 """Agreement of a camera's people with those of the others, and places that agree above chance: less is no overlap."""
-AMBIGUOUS = 0.85
-"""Another place of a camera that agrees so nearly as well leaves its place open."""
 MOST_SIGMA = {FOCAL: 0.12, PITCH: np.radians(2.0), ROLL: np.radians(2.0), YAW: np.radians(3.0)}
 """Deviations above which a parameter counts as not known."""
 MOST_PLACE = 0.12
@@ -100,7 +98,8 @@ class _Calibrator:
         if self.known.refine:
             self._forget_lost()
         pairs = [(a, b) for a, b in combinations(self.views, 2) if not {a, b} <= self.posed]
-        matches = {pair: self._match(*pair) for pair in (pairs if progress is None else progress(pairs, total=len(pairs)))}
+        shown = pairs if progress is None else progress(pairs, total=len(pairs))
+        matches = {(a, b): match(self.views[a], self.views[b], self.steps, self.known.most_offset) for a, b in shown}
         if not self.rows:
             self._begin(matches)
         while left := [name for name in self.views if name not in self.rows]:
@@ -142,11 +141,9 @@ class _Calibrator:
     def _contradictions(self) -> list[str]:
         """Lines on cameras of which one sees people where another one should see them, and does not."""
         out = []
-        clouds = {name: Cloud.of(paths_of(self.views[name], row, self.steps)) for name, row in self.rows.items()}
         for a, b in combinations(self.rows, 2):
-            inside = visible(self.views[a], self.rows[a], clouds[b].point)
-            share = agreement(clouds[a], clouds[b], inside, clouds[b].point, 0)[1]
-            if inside.sum() >= LEAST_SEEN and share < CONTRADICTION:
+            seen, _, share = seen_alike(self.views[a], self.views[b], (self.rows[a], self.rows[b]), self.steps, 1.0)
+            if seen >= LEAST_SEEN and share < CONTRADICTION:
                 out.append(f"{a} and {b} see the same ground, but only {max(share, 0.0):.0%} of the people there agree: one of them is wrong")
         return out
 
@@ -170,11 +167,6 @@ class _Calibrator:
         first = self.rows[names[0]]
         origin = np.where(np.isin(np.arange(len(first)), [X, Y, YAW, OFFSET]), 0.0, first)
         self.rows = {name: self.rows[name] if self.posed else _moved(self.rows[name], first, origin) for name in names}
-
-    def _match(self, a: str, b: str) -> list[Match]:
-        """Places of b in the frame of a, or of a in that of b where b has a pose."""
-        first, second = self.views[a], self.views[b]
-        return match(first, second, first.single.row, self.steps, self.known.most_offset)
 
     def _begin(self, matches: Mapping[tuple[str, str], list[Match]]) -> None:
         """The surest pair, or the camera with the most boxes."""
@@ -205,16 +197,9 @@ class _Calibrator:
     def _share(self, name: str, row: Array | None = None, tight: float = TIGHT) -> tuple[float, float]:
         """Agreement of a camera with the others in the frame, as registration.agreement: best sum and its share."""
         own = self.rows[name] if row is None else row
-        cloud = Cloud.of(paths_of(self.views[name], own, self.steps), tight)
-        total, shares = 0.0, list[tuple[float, float]]()
-        for other, its in self.rows.items():
-            if other == name:
-                continue
-            there = Cloud.of(paths_of(self.views[other], its, self.steps), tight)
-            score, share = agreement(there, cloud, visible(self.views[other], its, cloud.point), cloud.point, 0)
-            total, shares = total + max(score, 0.0), [*shares, (score, share)]
-        best = max(shares, default=(0.0, 0.0))
-        return total, best[1]
+        others = [(self.views[other], its) for other, its in self.rows.items() if other != name]
+        found = [seen_alike(view, self.views[name], (its, own), self.steps, tight)[1:] for view, its in others]
+        return sum(max(score, 0.0) for score, _ in found), max(found, default=(0.0, 0.0))[1]
 
     def _prior(self, names: list[str]) -> Prior:
         mean, sigma = np.zeros((len(names), 11)), np.full((len(names), 11), np.inf)
@@ -308,7 +293,7 @@ class _Calibrator:
 
 
 def _value(found: list[Match]) -> float:
-    return found[0].score * found[0].share if found else 0.0
+    return found[0].value if found else 0.0
 
 
 def _moved(row: Array, beside: Array, world: Array) -> Array:

@@ -30,36 +30,30 @@ EDGE, EDGE_PIXELS = 0.04, 1.5
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """n boxes of people: view (n,), person (n,) from 0, time (n,) s by the camera's clock, box (n, 3): middle, top and bottom px, sigma (n, 3) px.
-
-    track (n,): tracklet of the view. alone (people,): whether one camera only has seen somebody.
-    """
+    """n boxes of people: view (n,), person (n,) from 0, time (n,) s by the camera's clock, box (n, 3): middle, top and bottom px, sigma (n, 3) px."""
 
     view: Ints
     person: Ints
     time: Array
     box: Array
     sigma: Array
-    track: Ints
-    alone: Mask
 
     def of_people(self, kept: Mask) -> Observations:
         """The boxes of some of the people (people,), who are counted anew."""
         rows, number = kept[self.person], np.cumsum(kept) - 1
-        box, sigma = self.box[rows], self.sigma[rows]
-        return Observations(self.view[rows], number[self.person[rows]], self.time[rows], box, sigma, self.track[rows], self.alone[kept])
+        return Observations(self.view[rows], number[self.person[rows]], self.time[rows], self.box[rows], self.sigma[rows])
 
 
 def observations(views: Mapping[str, CameraBoxes], rows: Mapping[str, Array], steps: int, tight: float = 1.0, most: int = MOST) -> Observations:
     """The boxes of people under parameters `rows`. tight: factor of the errors of places within which tracklets are joined."""
     paths = [paths_of(views[name], rows[name], steps) for name in rows]
-    person = _joined(paths, tight)
-    cameras = Counter(one for of_view in person for one in set(of_view.tolist()))
+    joined = _joined(paths, tight)
+    cameras = Counter(one for of_view in joined for one in set(of_view.tolist()))
     parts = []
     for k, name in enumerate(rows):
         t = views[name].table
         of_track = np.full(int(t.track.max(initial=0)) + 1, -1, dtype=np.int64)
-        of_track[paths[k].track] = person[k]
+        of_track[paths[k].track] = joined[k]
         used = thinned(t, SPACING)
         who = of_track[t.track[used]]
         shared = np.array([cameras[one] > 1 for one in who.tolist()], dtype=bool)
@@ -68,13 +62,11 @@ def observations(views: Mapping[str, CameraBoxes], rows: Mapping[str, Array], st
     stride = 1 + sum(len(who) for _, _, who, _ in parts) // most
     parts = [(k, t.select(np.arange(0, len(who), stride)), who[::stride], tall[::stride]) for k, t, who, tall in parts]
     view = np.concatenate([np.full(len(who), k, dtype=np.int64) for k, _, who, _ in parts])
-    numbers, compact = np.unique(np.concatenate([who for _, _, who, _ in parts]), return_inverse=True)
+    person = np.unique(np.concatenate([who for _, _, who, _ in parts]), return_inverse=True)[1]
     box = np.concatenate([np.column_stack([t.middle, t.top, t.bottom]) for _, t, _, _ in parts])
     high = np.concatenate([tall for _, _, _, tall in parts])
     sigma = np.hypot(EDGE * high, EDGE_PIXELS)[:, None] * np.ones(3)
-    time, track = (np.concatenate([getattr(t, name) for _, t, _, _ in parts]) for name in ("time", "track"))
-    alone = np.array([cameras[one] < 2 for one in numbers.tolist()], dtype=bool)
-    return Observations(view, compact.astype(np.int64), time, box, sigma, track, alone)
+    return Observations(view, person.astype(np.int64), np.concatenate([t.time for _, t, _, _ in parts]), box, sigma)
 
 
 def _durations(table: LinkedBoxes) -> Array:

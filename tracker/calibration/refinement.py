@@ -7,7 +7,7 @@ score test (Rao 1948) with the covariance of clusters (Boos 1992). Of a camera t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
@@ -92,7 +92,7 @@ def _settled(problem: Problem, rows: Array, moved: Mask, free: Mask) -> Adjusted
         problem.rows[back] = rows[back]
         # What stays moves little, as that parameter was within its error.
         problem.integrate(2, ~moved.ravel()[problem.free])
-    return problem.result().with_sigma(_covariance(problem, moved))
+    return replace(problem.result(), covariance=_covariance(problem, moved))
 
 
 def _covariance(problem: Problem, moved: Mask) -> Array:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -16,7 +17,7 @@ from tracker.calibration.body import FOCAL, OFFSET, YAW, X, Y, boxes_of, ground_
 from tracker.calibration.boxes import LinkedBoxes, smoothed
 from tracker.calibration.result import MOST_OFFSET
 from tracker.calibration.single_view import STATURE, SingleView
-from tracker.geometry import Array, Ints
+from tracker.geometry import Array, Ints, Mask
 from tracker.geometry.cameras import Camera
 
 EARLIER = 2 * MOST_OFFSET
@@ -29,15 +30,19 @@ LEAST_TIME, LEAST_WAY = 1.5, 1.0
 """s and m: tracklets by which motions are guessed."""
 ERROR, FAR_ERROR = 0.3, 0.1
 """m: error of a place, and what is added to it by the metre from its camera, before cameras are adjusted."""
-PAIRS, TRIED, REFINED = 60, 300, 6
-"""Guesses of an offset, guesses that are tried, and those whose cameras are adjusted."""
-POINTS = 700
-"""Places of a camera by which a guess is tried."""
+PAIRS, TRIED, KEPT, REFINED = 60, 300, 10, 6
+"""Guesses of an offset, guesses that are tried, those that are tried by more places, and matches of two cameras."""
+FEW, POINTS = 100, 700
+"""Places of a camera by which a guess is tried, first and then."""
+UNSURE = 0.1
+"""Deviation of the logarithm of a focal length from which others are tried."""
 APART = 100.0
 """m along the third axis of the search tree between two steps of time."""
 FARTHEST = 60.0
 """m: places beyond are not used."""
 LEAST_STEPS = 4
+LEAST_IN_VIEW = 20
+"""Places that two cameras should see for them to be compared, or a twentieth of those that are tried."""
 FOOT = 0.15
 
 
@@ -76,7 +81,11 @@ class Match:
     rows: tuple[Array, Array]
     score: float
     share: float
-    second: float = 0.0
+
+    @property
+    def value(self) -> float:
+        """Rank of the match."""
+        return self.score * self.share
 
 
 def steps_of(views: Iterable[CameraBoxes]) -> int:
@@ -187,31 +196,41 @@ class Cloud:
         tree = cKDTree(np.column_stack([point, APART * step]))
         return Cloud(point, step, tight * (ERROR + FAR_ERROR * paths.range[track, step]), tree, paths.here.shape[1])
 
+    def some(self, most: int) -> Cloud:
+        """At most so many of the places."""
+        rows = np.linspace(0, len(self.point) - 1, min(most, len(self.point))).astype(np.int64)
+        return replace(self, point=self.point[rows], step=self.step[rows], error=self.error[rows])
+
     def nearest(self, point: Array, step: Ints, most: float = 5.0) -> tuple[Array, Ints]:
         """Distance (n,) and row (n,) of the nearest place of the same step."""
         distance, row = self.tree.query(np.column_stack([point, APART * step]), distance_upper_bound=most)
         return distance, row
 
 
-def agreement(a: Cloud, b: Cloud, in_view: Array, moved: Array, steps: int) -> tuple[float, float]:
-    """How many of b's places, `moved` (n, 2) m into a's frame, are where a sees somebody, above chance; and as a share of those `in_view` (n,)."""
-    rows = np.flatnonzero(in_view)
-    if len(rows) < 20 or not len(a.point):
-        return 0.0, 0.0
+def agreement(a: Cloud, b: Cloud, in_view: Array, moved: Array, steps: Ints | int = 0) -> tuple[Array, Array]:
+    """How many of b's n places are where a sees somebody, above chance; and as a share of those in view. Of g motions (g,) each.
+
+    in_view (g, n): whether a should see the places. moved (g, n, 2) m: places in a's frame. steps (g,): by which b's time is moved on.
+    """
+    motion, place = np.nonzero(in_view)
+    count = len(in_view)
+    if not len(a.point) or not len(motion):
+        return np.zeros(count), np.zeros(count)
+    points, time = moved[motion, place], (b.step[place] + np.broadcast_to(steps, count)[motion])
 
     def kernel(step: Ints) -> Array:
-        distance, row = a.nearest(moved[rows], step)
+        distance, row = a.nearest(points, step)
         found = np.isfinite(distance)
-        error = np.hypot(b.error[rows], a.error[np.where(found, row, 0)])
+        error = np.hypot(b.error[place], a.error[np.where(found, row, 0)])
         return np.where(found, np.exp(-0.5 * (np.where(found, distance, 0.0) / error) ** 2), 0.0)
 
-    own = kernel(b.step[rows] + steps)
-    chance = np.mean([kernel((b.step[rows] + steps + int(part * a.steps)) % a.steps) for part in (0.29, 0.53, 0.71)], axis=0)
-    gain = float((own - chance).sum())
-    return gain, gain / max(float((1 - chance).sum()), 1.0)
+    chance = np.mean([kernel((time + int(part * a.steps)) % a.steps) for part in (0.29, 0.53, 0.71)], axis=0)
+    gain, most = (np.bincount(motion, weights, count) for weights in (kernel(time) - chance, 1 - chance))
+    enough = np.bincount(motion, minlength=count) >= min(LEAST_IN_VIEW, 1 + in_view.shape[1] // 20)
+    return np.where(enough, gain, 0.0), np.where(enough, gain / np.maximum(most, 1.0), 0.0)
 
 
-def visible(view: CameraBoxes, row: Array, point: Array) -> Array:
+def visible(view: CameraBoxes, row: Array, point: Array) -> Mask:
     """Which people at places (n, 2) m are wholly in the image of a camera, not too far from it for its boxes."""
     box = boxes_of(view.camera, row, point, np.full(len(point), STATURE), np.array([FOOT, FOOT]))
     t = view.table
@@ -220,21 +239,53 @@ def visible(view: CameraBoxes, row: Array, point: Array) -> Array:
         return np.asarray(inside & (box[:, 2] - box[:, 1] > np.quantile(t.height[t.whole], 0.03)))
 
 
-def match(a: CameraBoxes, b: CameraBoxes, row: Array, steps: int, most: float = MOST_OFFSET) -> list[Match]:
-    """The likeliest ways in which camera b stands in the frame of camera a, whose parameters are `row`; the best first."""
-    found = []
-    for row_a, row_b in _focal_guesses(a, b, row):
-        pa, pb = paths_of(a, row_a, steps), paths_of(b, row_b, steps)
-        ca, cb = Cloud.of(pa), Cloud.of(pb)
-        some = np.linspace(0, len(cb.point) - 1, min(POINTS, len(cb.point))).astype(np.int64) if len(cb.point) else np.zeros(0, dtype=np.int64)
-        part = replace(cb, point=cb.point[some], step=cb.step[some], error=cb.error[some])
-        for guess in guesses(pa, pb, round(most / STEP)):
-            z = guess.turn * (part.point[:, 0] + 1j * part.point[:, 1]) + guess.shift
-            moved = np.column_stack([z.real, z.imag])
-            score, share = agreement(ca, part, visible(a, row_a, moved), moved, guess.steps)
-            found.append((score * share, Match((row_a, _placed(row_b, guess)), score, share)))
-    found.sort(key=lambda one: -one[0])
-    return _distinct([one for _, one in found], REFINED)
+def seen_alike(a: CameraBoxes, b: CameraBoxes, rows: tuple[Array, Array], steps: int, tight: float) -> tuple[int, float, float]:
+    """Of two cameras in one frame: how many places of b's people a should see, their agreement above chance, and as a share."""
+    clouds = [Cloud.of(paths_of(view, row, steps), tight) for view, row in zip((a, b), rows, strict=True)]
+    inside = visible(a, rows[0], clouds[1].point)
+    score, share = agreement(*clouds, inside[None], clouds[1].point[None])
+    return int(inside.sum()), float(score[0]), float(share[0])
+
+
+@dataclass(frozen=True, eq=False)
+class _Side:
+    """A camera under parameters `row` (11,): its paths and their places."""
+
+    view: CameraBoxes
+    row: Array
+    paths: Paths
+    cloud: Cloud
+
+    @staticmethod
+    def of(view: CameraBoxes, row: Array, steps: int) -> _Side:
+        paths = paths_of(view, row, steps)
+        return _Side(view, row, paths, Cloud.of(paths))
+
+    def matches(self, other: _Side, guesses: list[Guess], points: int) -> list[Match]:
+        """The other camera placed beside this one by each of the guesses, which are judged by so many of its places."""
+        part = other.cloud.some(points)
+        turn, shift = (np.array([getattr(guess, name) for guess in guesses], dtype=np.complex128) for name in ("turn", "shift"))
+        z = turn[:, None] * (part.point[:, 0] + 1j * part.point[:, 1]) + shift[:, None]
+        moved = np.stack([z.real, z.imag], axis=2)
+        inside = visible(self.view, self.row, moved.reshape(-1, 2)).reshape(z.shape)
+        score, share = agreement(self.cloud, part, inside, moved, np.array([guess.steps for guess in guesses], dtype=np.int64))
+        placed = [(self.row, _placed(other.row, guess)) for guess in guesses]
+        return [Match(*one) for one in zip(placed, score.tolist(), share.tolist(), strict=True)]
+
+
+def match(a: CameraBoxes, b: CameraBoxes, steps: int, most: float = MOST_OFFSET) -> list[Match]:
+    """The likeliest ways in which camera b stands in the frame of camera a; the best first.
+
+    A focal length that a camera does not tell by itself stretches its ground, so all pairs of some are tried.
+    """
+    sides = [[_Side.of(view, row, steps) for row in _with_focals(view)] for view in (a, b)]
+    out: list[Match] = []
+    for one, other in product(*sides):
+        tried = guesses(one.paths, other.paths, round(most / STEP))
+        rough = one.matches(other, tried, FEW) if tried else []
+        best = sorted(range(len(tried)), key=lambda k: -rough[k].value)[:KEPT]
+        out += one.matches(other, [tried[k] for k in best], POINTS) if tried else []
+    return _distinct(sorted(out, key=lambda one: -one.value), REFINED)
 
 
 def _placed(row: Array, guess: Guess) -> Array:
@@ -244,16 +295,10 @@ def _placed(row: Array, guess: Guess) -> Array:
     return out
 
 
-def _focal_guesses(a: CameraBoxes, b: CameraBoxes, row: Array) -> list[tuple[Array, Array]]:
-    """Pairs of parameters of both cameras: as they are likeliest, and with common focal lengths where these are not known."""
-    zero = b.single.row.copy()
-    out = [(row, zero)]
-    sigma = [view.single.sigma[FOCAL] for view in (a, b)]
-    if max(sigma) > 0.1:
-        for factor in (-1.0, 1.0):
-            first = row + (a.single.with_focal(a.single.row[FOCAL] + factor * sigma[0]) - a.single.row if row is a.single.row else 0.0)
-            out.append((first, b.single.with_focal(zero[FOCAL] + factor * sigma[1])))
-    return out
+def _with_focals(view: CameraBoxes) -> list[Array]:
+    """Parameters of a camera as it is likeliest by itself, and with a shorter and a longer focal length where it is not sure of it."""
+    row, sigma = view.single.row, float(view.single.sigma[FOCAL])
+    return [row, *(view.single.with_focal(row[FOCAL] + part * sigma) for part in (-1.0, 1.0) if sigma > UNSURE)]
 
 
 def _distinct(found: list[Match], most: int) -> list[Match]:
