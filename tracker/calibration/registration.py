@@ -296,7 +296,7 @@ def _placed(row: Array, guess: Guess) -> Array:
 
 
 def _with_focals(view: CameraBoxes) -> list[Array]:
-    """Parameters of a camera as it is likeliest by itself, and with a shorter and a longer focal length where it is not sure of it."""
+    """Likeliest parameters of a camera by itself, and those with a shorter and a longer focal length where it is not sure of it."""
     row, sigma = view.single.row, float(view.single.sigma[FOCAL])
     return [row, *(view.single.with_focal(row[FOCAL] + part * sigma) for part in (-1.0, 1.0) if sigma > UNSURE)]
 
