@@ -22,7 +22,13 @@ from tracker.geometry import Array
 from tracker.geometry.cameras import Camera
 from tracker.recordings import Recording, RecordingCamera
 
-KINDS = {"room": ((6.0, 10.0), (4.0, 6.0)), "hall": ((14.0, 26.0), (9.0, 16.0)), "square": ((16.0, 30.0), (12.0, 24.0))}
+KINDS = {
+    "room": ((6.0, 10.0), (4.0, 6.0)),
+    "hall": ((14.0, 26.0), (9.0, 16.0)),
+    "square": ((16.0, 30.0), (12.0, 24.0)),
+    "low": ((16.0, 30.0), (12.0, 24.0)),
+}
+"""Ranges of length and width, m. `low` is a square whose cameras stand as high as heads are, on tripods."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +47,9 @@ def synthetic(kind: str, cameras: int, seed: int, seconds: float = 90.0, model: 
     rate = float(rng.choice([4.0, 5.0, 10.0]))
     frames = round(seconds * rate)
     around = floor(np.array([(0.0, 0.0), size]), furniture(size, 0.01, rng), 2, rng)
-    at_once = people or {"room": int(rng.integers(4, 11)), "hall": int(rng.integers(6, 20)), "square": int(rng.integers(6, 24))}[kind]
-    true = mast_cameras(around, cameras, rng) if kind == "square" else corner_cameras(size, cameras, rng)
+    at_once = {"room": int(rng.integers(4, 11)), "hall": int(rng.integers(6, 20))}.get(kind, int(rng.integers(6, 24))) if people is None else people
+    true = corner_cameras(size, cameras, rng) if kind in ("room", "hall") else mast_cameras(around, cameras, rng)
+    true = [on_tripod(camera, rng) for camera in true] if kind == "low" else true
     habits = Habits(rng.uniform(0.1, 0.4), 0.0, 0.0, rng.uniform(3.0, 10.0), rng.uniform(0.8, 1.3), (0.4, 1.0))
     total = at_once + int(rng.integers(0, at_once + 1))
     walkers = Walkers.of(around, habits, (at_once, total, 0), frames / rate, rng)
@@ -63,6 +70,13 @@ def synthetic(kind: str, cameras: int, seed: int, seconds: float = 90.0, model: 
         detections |= simulated_detections(seen, TruePeople(places, {}, heights=heights), named_model(model), seed)
     blind = {name: unknown(camera) for name, camera in named.items()}
     return Synthetic(Recording(rate, blind, detections, frames=frames), named, {name: k / STEPS / rate for name, k in late.items()})
+
+
+def on_tripod(camera: RecordingCamera, rng: np.random.Generator) -> RecordingCamera:
+    """The camera as high as heads are, nearly level."""
+    eye = np.array([*camera.pose.translation[:2], rng.uniform(1.7, 2.3)])
+    ahead = camera.pose.rotation[:2, 0] / np.linalg.norm(camera.pose.rotation[:2, 0])
+    return RecordingCamera.looking_at(camera.camera, eye, [*(eye[:2] + 12.0 * ahead), rng.uniform(0.5, 1.2)])
 
 
 def unknown(camera: RecordingCamera) -> RecordingCamera:

@@ -67,13 +67,15 @@ class Prior:
 class Adjusted:
     """rows (cameras, 11) and their covariance (cameras · 11, the same); body (6,) as body.GLOBALS.
 
-    weight (n,) of the observations. path: person → times (k,) s and places (k, 2) m. stature (people,) m.
+    weight (n,) of the observations. edges (cameras, 3): errors of the middles, upper and lower edges of boxes, shares of their heights.
+    paths: person → times (k,) s and places (k, 2) m. stature (people,) m.
     """
 
     rows: Array
     covariance: Array
     body: Array
     weight: Array
+    edges: Array
     paths: dict[int, tuple[Array, Array]]
     stature: Array
 
@@ -391,6 +393,17 @@ class Problem:
         common = reduced.T @ self._common_errors(state) / np.sqrt(bend)
         return gradient, H, score.T @ score + (H - reduced.T @ reduced) + common @ common.T
 
+    def covariance(self, held: Mask | None = None) -> Array:
+        """Covariance (cameras · 11, same) of the parameters but those `held` (free,), which are known."""
+        moving = np.ones(len(self.free), dtype=bool) if held is None else ~held
+        own = np.flatnonzero(np.append(moving, np.ones(len(GLOBALS), dtype=bool)))
+        _, information, meat = self.information()
+        inverse = np.linalg.pinv(information[np.ix_(own, own)], hermitian=True)
+        found, at = inverse @ meat[np.ix_(own, own)] @ inverse, self.free[moving]
+        out = np.zeros((self.rows.size, self.rows.size))
+        out[np.ix_(at, at)] = found[: len(at), : len(at)]
+        return out
+
     def _common_errors(self, state: State) -> Array:
         """Residuals (3 n, errors) by errors of edges that all boxes of a camera have, of one standard deviation each: constant, and with the size."""
         r = self.residuals(state)
@@ -406,20 +419,14 @@ class Problem:
                     out.append(error.ravel())
         return np.array(out).T
 
-    def result(self) -> Adjusted:
-        """The present state with its covariance."""
-        state = self.rows, self.body, self.stature, self.place
-        _, H, meat = self.information()
-        inverse = np.linalg.pinv(H, hermitian=True)
-        covariance = inverse @ meat @ inverse
-        free = len(self.free)
-        whole = np.zeros((state[0].size, state[0].size))
-        whole[np.ix_(self.free, self.free)] = covariance[:free, :free]
-        weight = self.weights()
-        rows, body, stature, place = state
+    def result(self, covariance: Array | None = None) -> Adjusted:
+        """The present state. covariance (cameras · 11, same): NaN where none is given."""
+        unknown = np.full((self.rows.size, self.rows.size), np.nan)
         ends = zip(self.start, self.first.tolist(), self.count.tolist(), strict=True)
-        paths = {k: (start + KNOT * np.arange(count), place[first : first + count]) for k, (start, first, count) in enumerate(ends)}
-        return Adjusted(rows, whole, body, weight, paths, stature)
+        paths = {k: (start + KNOT * np.arange(count), self.place[first : first + count]) for k, (start, first, count) in enumerate(ends)}
+        share = self.sigma / (self.seen.box[:, 2] - self.seen.box[:, 1])[:, None]
+        edges = np.array([np.median(share[own], axis=0) if len(own) else np.zeros(3) for own in self.of_view])
+        return Adjusted(self.rows, unknown if covariance is None else covariance, self.body, self.weights(), edges, paths, self.stature)
 
     def weights(self) -> Array:
         """Cauchy's weight (n,) of each box."""
@@ -451,6 +458,7 @@ def adjust(cameras: Sequence[Camera], seen: Observations, rows: Array, prior: Pr
     problem.solve(5)
     problem.rescale()
     problem.solve(rounds)
-    if integrated:
-        problem.integrate()
-    return problem.result()
+    if not integrated:
+        return problem.result()
+    problem.integrate()
+    return problem.result(problem.covariance())

@@ -19,7 +19,7 @@ from tracker.calibration.body import CX, CY, FOCAL, HEIGHT, K1, OFFSET, PITCH, R
 from tracker.calibration.boxes import linked_boxes
 from tracker.calibration.people import MOST, observations
 from tracker.calibration.refinement import changes, refine
-from tracker.calibration.registration import CameraBoxes, Match, match, seen_alike, steps_of
+from tracker.calibration.registration import FAR_ERROR, CameraBoxes, Match, match, seen_alike, steps_of
 from tracker.calibration.result import Calibration, Known
 from tracker.calibration.single_view import LEAST_BOXES, ROLL_SIGMA, STATURE, USUAL_FOCAL, USUAL_HEIGHT, SingleView, single_view
 from tracker.geometry import Array, Pose
@@ -28,12 +28,14 @@ from tracker.recordings import Recording, RecordingCamera
 
 LEAST_SHARE, LEAST_SCORE = 0.25, 12.0
 """Agreement of a camera's people with those of the others, and places that agree above chance: less is no overlap."""
-MOST_SIGMA = {FOCAL: 0.12, PITCH: np.radians(2.0), ROLL: np.radians(2.0), YAW: np.radians(3.0)}
+MOST_SIGMA = {FOCAL: 0.1, PITCH: np.radians(2.0), ROLL: np.radians(2.0), YAW: np.radians(2.0)}
 """Deviations above which a parameter counts as not known."""
 MOST_PLACE = 0.12
-"""The same of a place, as a share of the mean distance of people."""
-LEAST_SEEN, CONTRADICTION = 100, 0.15
+"""The same of a place, as a share of the median distance of people."""
+LEAST_SEEN, CONTRADICTION = 100, 0.2
 """Places of people that two cameras should see, and the share of agreement below which they contradict each other."""
+MOST_EDGE, WITHIN = 0.1, 2.0
+"""Error of a box's edge, a share of its height, that no detector of people has. Errors within which places of one person agree."""
 LINE = 0.06
 """Breadth over length of the ground where people walk, below which they walk on a line."""
 TIGHT = 0.6
@@ -138,11 +140,20 @@ class _Calibrator:
         unmoved = {name: self.recording.cameras[name] for name, moved in zip(names, refined.moved, strict=True) if not moved.any()}
         return replace(found, cameras={**found.cameras, **unmoved}, moved_frame=False, changes=tuple(changes(names, given, refined)))
 
-    def _contradictions(self) -> list[str]:
-        """Lines on cameras of which one sees people where another one should see them, and does not."""
-        out = []
+    def _contradictions(self, adjusted: Adjusted) -> list[str]:
+        """Lines on cameras whose boxes miss people by more than a detector does, or miss people that another camera sees.
+
+        The lower edges of boxes tell places as surely as `edges` has it. Nearer than that, people that both cameras see need to be.
+        """
+        worst = dict(zip(self.rows, adjusted.edges.max(axis=1).tolist(), strict=True))
+        out = [
+            f"{name}: boxes are {edge:.0%} of their heights off, needs {MOST_EDGE:.0%}: this camera or another one is wrong"
+            for name, edge in worst.items()
+            if edge > MOST_EDGE
+        ]
+        far = WITHIN * float(np.max(adjusted.edges[:, 2] * STATURE / np.exp(adjusted.rows[:, HEIGHT]), initial=0.0))
         for a, b in combinations(self.rows, 2):
-            seen, _, share = seen_alike(self.views[a], self.views[b], (self.rows[a], self.rows[b]), self.steps, 1.0)
+            seen, _, share = seen_alike(self.views[a], self.views[b], (self.rows[a], self.rows[b]), self.steps, min(far / FAR_ERROR, 1.0))
             if seen >= LEAST_SEEN and share < CONTRADICTION:
                 out.append(f"{a} and {b} see the same ground, but only {max(share, 0.0):.0%} of the people there agree: one of them is wrong")
         return out
@@ -279,7 +290,7 @@ class _Calibrator:
         if spread[0] < LINE * spread[1]:
             size = f"{spread[0]:.1f} m broad, {spread[1]:.1f} m long"
             self.problems.append(f"all people walk on one line ({size}), which leaves the turns of cameras about it open")
-        self.problems += self._contradictions()
+        self.problems += self._contradictions(adjusted)
         sigma = np.sqrt(np.abs(np.diag(adjusted.covariance))).reshape(-1, 11)
         for k, name in enumerate(names):
             distance = float(np.median(np.hypot(*(places - adjusted.rows[k, [X, Y]]).T)))

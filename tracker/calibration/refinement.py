@@ -7,7 +7,7 @@ score test (Rao 1948) with the covariance of clusters (Boos 1992). Of a camera t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import chi2
@@ -39,7 +39,7 @@ def refine(cameras: Sequence[Camera], seen: Observations, rows: Array, prior: Pr
     usable = prior.sigma > 0
     moved[free] = usable[free]
     problem = Problem(cameras, seen, rows, prior)
-    problem.solve(ROUNDS // 2, ~moved.ravel()[problem.free])
+    problem.solve(ROUNDS // 2, _held(problem, moved))
     problem.rescale()
     while True:
         _solved(problem, moved)
@@ -53,8 +53,8 @@ def refine(cameras: Sequence[Camera], seen: Observations, rows: Array, prior: Pr
 
 def _solved(problem: Problem, moved: Mask) -> None:
     """Bring what may move to its best state."""
-    problem.solve(ROUNDS, ~moved.ravel()[problem.free])
-    problem.integrate(held=~moved.ravel()[problem.free])
+    problem.solve(ROUNDS, _held(problem, moved))
+    problem.integrate(held=_held(problem, moved))
 
 
 def _worst(problem: Problem, moved: Mask, usable: Mask) -> int | None:
@@ -83,7 +83,7 @@ def _worst(problem: Problem, moved: Mask, usable: Mask) -> int | None:
 def _settled(problem: Problem, rows: Array, moved: Mask, free: Mask) -> Adjusted:
     """The state after parameters of moved cameras that are within their errors went back; `moved` is changed."""
     for _ in range(int(moved.sum())):
-        sigma = _sigmas(problem, moved)
+        sigma = np.sqrt(np.diag(problem.covariance(_held(problem, moved)))).reshape(moved.shape)
         ratio = np.where(moved & ~free[:, None], np.abs(problem.rows - rows) / np.maximum(sigma, 1e-12), np.inf)
         if ratio.min() >= SIGMAS:
             break
@@ -91,23 +91,13 @@ def _settled(problem: Problem, rows: Array, moved: Mask, free: Mask) -> Adjusted
         moved[back] = False
         problem.rows[back] = rows[back]
         # What stays moves little, as that parameter was within its error.
-        problem.integrate(2, ~moved.ravel()[problem.free])
-    return replace(problem.result(), covariance=_covariance(problem, moved))
+        problem.integrate(2, _held(problem, moved))
+    return problem.result(problem.covariance(_held(problem, moved)))
 
 
-def _covariance(problem: Problem, moved: Mask) -> Array:
-    """Covariance (cameras · 11, same) of the parameters that move, where the others are known."""
-    _, information, meat = problem.information()
-    own = np.flatnonzero(np.append(moved.ravel()[problem.free], np.ones(len(GLOBALS), dtype=bool)))
-    inverse = np.linalg.pinv(information[np.ix_(own, own)], hermitian=True)
-    covariance = inverse @ meat[np.ix_(own, own)] @ inverse
-    out, at = np.zeros((moved.size, moved.size)), problem.free[own[: -len(GLOBALS)]]
-    out[np.ix_(at, at)] = covariance[: -len(GLOBALS), : -len(GLOBALS)]
-    return out
-
-
-def _sigmas(problem: Problem, moved: Mask) -> Array:
-    return np.asarray(np.sqrt(np.diag(_covariance(problem, moved))).reshape(moved.shape))
+def _held(problem: Problem, moved: Mask) -> Mask:
+    """Which of the free parameters (free,) of a problem stay."""
+    return np.asarray(~moved.ravel()[problem.free])
 
 
 def changes(names: Sequence[str], rows: Array, refined: Refined) -> list[str]:

@@ -207,7 +207,7 @@ class Cloud:
         return distance, row
 
 
-def agreement(a: Cloud, b: Cloud, in_view: Array, moved: Array, steps: Ints | int = 0) -> tuple[Array, Array]:
+def agreement(a: Cloud, b: Cloud, in_view: Mask, moved: Array, steps: Ints | int = 0) -> tuple[Array, Array]:
     """How many of b's n places are where a sees somebody, above chance; and as a share of those in view. Of g motions (g,) each.
 
     in_view (g, n): whether a should see the places. moved (g, n, 2) m: places in a's frame. steps (g,): by which b's time is moved on.
@@ -241,9 +241,9 @@ def visible(view: CameraBoxes, row: Array, point: Array) -> Mask:
 
 def seen_alike(a: CameraBoxes, b: CameraBoxes, rows: tuple[Array, Array], steps: int, tight: float) -> tuple[int, float, float]:
     """Of two cameras in one frame: how many places of b's people a should see, their agreement above chance, and as a share."""
-    clouds = [Cloud.of(paths_of(view, row, steps), tight) for view, row in zip((a, b), rows, strict=True)]
-    inside = visible(a, rows[0], clouds[1].point)
-    score, share = agreement(*clouds, inside[None], clouds[1].point[None])
+    first, second = (Cloud.of(paths_of(view, row, steps), tight) for view, row in zip((a, b), rows, strict=True))
+    inside = visible(a, rows[0], second.point)
+    score, share = agreement(first, second, inside[None], second.point[None])
     return int(inside.sum()), float(score[0]), float(share[0])
 
 
