@@ -140,9 +140,8 @@ class Tracker:
 
     def _count_rejections(self, tick: Tick, feet: list[GroundDetections]) -> None:
         """Add the boxes of a tick to the counts of boxes by the gate that stops them. Silhouettes are no boxes of the input."""
-        q = self.parameters.targets
         given = [f for f in feet if f.camera in self.setup.mounts]
-        self._rejections.update(count_rejections(given, self.setup, q.fusion))
+        self._rejections.update(count_rejections(given, self.setup))
         if lost := sum(len(view.detections) for view in tick.views) - sum(len(f) for f in given):
             self._rejections.update({BOXES: lost, NO_POSE: lost})
 

@@ -32,7 +32,7 @@ def group_across_views(
     The greedy order is that of the variances. Each point starts a group and takes from each other view the nearest point within the gate.
     The point of a group is the covariance-weighted mean. Boxes whose feet are probably hidden, or whose height (m) is out of bounds, are left out.
     """
-    fit = [np.flatnonzero(free[v] & may_initiate(f, parameters) & (f.height >= height[0]) & (f.height <= height[1])) for v, f in enumerate(views)]
+    fit = [np.flatnonzero(free[v] & may_initiate(f) & (f.height >= height[0]) & (f.height <= height[1])) for v, f in enumerate(views)]
     view = np.repeat(np.arange(len(views)), [len(rows) for rows in fit])
     if not len(view):
         return []
@@ -47,11 +47,21 @@ def group_across_views(
     return [CrossViewGroup(tuple(m), x, P) for m, x, P in zip(members, mean, covariance, strict=True)]
 
 
-def may_initiate(feet: GroundDetections, parameters: FusionParameters) -> Mask:
+MAX_FEET_HIDDEN = 0.3
+"""Boxes whose feet are hidden with a higher probability initiate no track."""
+
+OCCLUDABLE_SIGMA = 0.5
+"""m, standard deviation of a place above which no box with anything before it initiates a track."""
+
+AMBIGUOUS_SIGMA, AMBIGUOUS_SIGMA_KNOWN = 4.0, 10.0
+"""m, standard deviation of a place up to which ambiguous boxes initiate tracks; in a known world, far boxes with feet in sight are ambiguous, too."""
+
+
+def may_initiate(feet: GroundDetections) -> Mask:
     """Which boxes (n,) may initiate a track: where the place is uncertain, a box that ends above the feet misplaces them by metres."""
     variance = np.trace(feet.spread, axis1=1, axis2=2)
-    usual = np.where(variance <= parameters.occludable_sigma**2, feet.feet_hidden <= parameters.max_feet_hidden, ~feet.occludable)
-    sigma = parameters.ambiguous_sigma_known if feet.known else parameters.ambiguous_sigma
+    usual = np.where(variance <= OCCLUDABLE_SIGMA**2, feet.feet_hidden <= MAX_FEET_HIDDEN, ~feet.occludable)
+    sigma = AMBIGUOUS_SIGMA_KNOWN if feet.known else AMBIGUOUS_SIGMA
     return feet.grounded & np.where(feet.ambiguous, variance <= sigma**2, usual)
 
 

@@ -7,16 +7,28 @@ person. A box that leaves several distances is ambiguous.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tracker.detections.range_likelihood import BoxEdges, RangeLikelihood, RangeLikelihoodParameters, infer_ranges
+from tracker.detections.range_likelihood import BoxEdges, RangeLikelihood, Statures, infer_ranges
 from tracker.geometry import Array, Mask, Pose, angles_from_bearing, bearing_from_angles, skew, tangent_basis, wrap
 from tracker.types import Detections, Mount, Setup
 
 EDGE = np.linspace(-0.9, 0.9, 9)
 """Sample points of a box's lower edge, from its middle, in half widths."""
+
+BELOW, COVERED = 0.012, 0.3
+"""rad below the lower edge of a box within which a nearer box may hide the feet, and the share of that edge from which it is taken to do so."""
+
+FEET_HIDDEN = np.array([0.03, 0.6, 0.6])
+"""Probability that a box ends above the feet: free, behind people, at the image's edge."""
+
+FEET_HIDDEN_KNOWN = np.array([0.05, 0.15])
+"""The same in a known world, beside what the world explains: free, behind people."""
+
+AMBIGUOUS_FEET, AMBIGUOUS_RANGE = 0.01, 1.5
+"""Probability of hidden feet, or ratio of range errors, from which a box is ambiguous."""
 
 
 @dataclass(frozen=True)
@@ -26,17 +38,14 @@ class FusionParameters:
     foot_spread: float = 0.25  # m, standard deviation of the lowest point of a walking body from the ground under its middle
     ahead: float = 0.03  # m, distance of the nearest point of the soles, where a box ends, before the ground under the body
     reach: float = 60.0  # m, greatest distance of a ground point
-    edge: float = 0.012  # rad below the lower edge of a box within which a nearer box may hide the feet
-    covered: float = 0.3  # share of a lower edge under nearer boxes from which these are taken to hide the feet
-    feet_hidden: tuple[float, float, float] = (0.03, 0.6, 0.6)  # probability that a box ends above the feet: free, behind people, at the image's edge
-    feet_hidden_known: tuple[float, float] = (0.05, 0.15)  # the same in a known world, beside what the world explains: free, behind people
-    max_feet_hidden: float = 0.3  # boxes of a higher probability initiate no track
-    occludable_sigma: float = 0.5  # m, standard deviation of a place above which no box with anything before it initiates a track
-    ranges: RangeLikelihoodParameters = field(default_factory=RangeLikelihoodParameters)
-    ambiguous: tuple[float, float] = (0.01, 1.5)  # probability of hidden feet, or ratio of range errors, from which a box is ambiguous
-    ambiguous_sigma: float = 4.0  # m, standard deviation of a place up to which ambiguous boxes initiate tracks
-    ambiguous_sigma_known: float = 10.0  # the same in a known world, where far boxes with feet in sight are ambiguous, too
+    stature: float = 1.72  # m, mean of people
+    stature_sigma: float = 0.12  # m, standard deviation of people
     gate: float = 3.5  # standard deviations between two ground points of one person
+
+    @property
+    def statures(self) -> Statures:
+        """Mean and standard deviation, m."""
+        return Statures(self.stature, self.stature_sigma)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,11 +113,11 @@ def project_to_ground(setup: Setup, camera: str, detections: Detections, pose: t
     height = origin[2] - point[:, 2] + distance * np.tan(high)
     covariance = detections.covariance + _pose_covariance(foot, np.where(grounded, np.linalg.norm(point - origin, axis=1), 10.0), mount, pose)
     spread = _ground_covariance(foot, point - origin, covariance) + parameters.foot_spread**2 * np.eye(2)
-    near, covered = _nearer_boxes(up - half, across, detections, parameters)
+    near, covered = _nearer_boxes(up - half, across, detections)
     if detections.feet_seen is not None:
         near, covered = near | ~detections.feet_seen, covered | ~detections.feet_seen
-    cut = ~mount.camera.pixels_from_bearings(bearing_from_angles(across, up - half - parameters.edge))[1]
-    feet_hidden = np.array(parameters.feet_hidden)[np.where(cut, 2, covered + 0)]
+    cut = ~mount.camera.pixels_from_bearings(bearing_from_angles(across, up - half - BELOW))[1]
+    feet_hidden = FEET_HIDDEN[np.where(cut, 2, covered + 0)]
     feet = GroundDetections(
         camera, origin, foot, covariance, point, spread, height, high, grounded, near | cut, cut, feet_hidden, detections.confidence,
         ambiguous=np.zeros(len(foot), dtype=bool),
@@ -119,9 +128,9 @@ def project_to_ground(setup: Setup, camera: str, detections: Detections, pose: t
         return _with_hidden_feet(feet, setup, (azimuth, detections.extent[:, 0] / 2, low), covered | cut, parameters)
     # What a detector says of the feet holds whatever the map explains.
     told = np.zeros(len(feet), dtype=bool) if detections.feet_seen is None else ~detections.feet_seen
-    feet_hidden = np.where(told, parameters.feet_hidden[1], np.array(parameters.feet_hidden_known)[covered + 0])
+    feet_hidden = np.where(told, FEET_HIDDEN[1], FEET_HIDDEN_KNOWN[covered + 0])
     edges = BoxEdges(azimuth, detections.extent[:, 0] / 2, low, high, covariance[:, 1, 1], feet_hidden)
-    ranges = infer_ranges((setup.ground, setup.occluders), origin, edges, parameters.ahead, parameters.ranges)
+    ranges = infer_ranges((setup.ground, setup.occluders), origin, edges, parameters.ahead, parameters.statures)
     return _with_ranges(feet, setup, ranges, azimuth, parameters)
 
 
@@ -136,7 +145,7 @@ def _with_hidden_feet(
         return feet
     azimuth, half_width, low = (x[rows] for x in box)
     edges = BoxEdges(azimuth, half_width, low, feet.head_elevation[rows], feet.covariance[rows, 1, 1], feet.feet_hidden[rows])
-    ranges = infer_ranges((setup.ground, setup.ground), feet.origin, edges, parameters.ahead, parameters.ranges).spread_to(rows)
+    ranges = infer_ranges((setup.ground, setup.ground), feet.origin, edges, parameters.ahead, parameters.statures).spread_to(rows)
     return _ambiguous(feet, setup, ranges, (box[0], ranges.possible), parameters)
 
 
@@ -156,10 +165,9 @@ def _under_body(setup: Setup, origin: Array, soles: Array, rays: tuple[Array, Ma
 
 def _with_ranges(feet: GroundDetections, setup: Setup, ranges: RangeLikelihood, azimuth: Array, parameters: FusionParameters) -> GroundDetections:
     """The detections in a known world, with the ambiguous ones marked."""
-    least, ratio = parameters.ambiguous
     along = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
     sigma = np.sqrt(np.einsum("ni,nij,nj->n", along, feet.spread, along))
-    ambiguous = ranges.possible & ~feet.cut & ((ranges.feet_hidden > least) | (ranges.sigma > ratio * sigma) | ~feet.grounded)
+    ambiguous = ranges.possible & ~feet.cut & ((ranges.feet_hidden > AMBIGUOUS_FEET) | (ranges.sigma > AMBIGUOUS_RANGE * sigma) | ~feet.grounded)
     return replace(_ambiguous(feet, setup, ranges, (azimuth, ambiguous), parameters), known=True)
 
 
@@ -178,10 +186,10 @@ def _ambiguous(
         feet,
         point=np.where(ambiguous[:, None], place, feet.point),
         spread=np.where(ambiguous[:, None, None], spread, feet.spread),
-        height=np.where(ambiguous, parameters.ranges.stature, feet.height),
+        height=np.where(ambiguous, parameters.stature, feet.height),
         grounded=feet.grounded | ambiguous,
         occludable=feet.occludable | (ambiguous & (ranges.feet_hidden > 0.5)),
-        feet_hidden=np.where(ambiguous, parameters.feet_hidden_known[0], feet.feet_hidden),
+        feet_hidden=np.where(ambiguous, FEET_HIDDEN_KNOWN[0], feet.feet_hidden),
         ambiguous=ambiguous,
         ranges=ranges,
     )
@@ -217,11 +225,11 @@ def _ground_covariance(foot: Array, rays: Array, covariance: Array) -> Array:
     return J @ covariance @ J.transpose(0, 2, 1)
 
 
-def _nearer_boxes(low: Array, azimuth: Array, detections: Detections, parameters: FusionParameters) -> tuple[Mask, Mask]:
+def _nearer_boxes(low: Array, azimuth: Array, detections: Detections) -> tuple[Mask, Mask]:
     """Which boxes (n,) have a nearer box, which ends lower, close to the lower edge, and of which that edge is mostly covered by such boxes."""
     half, high = detections.extent[:, 0] / 2, low + detections.extent[:, 1]
     apart = wrap(azimuth[:, None] - azimuth[None, :])
-    nearer = (low[None, :] < low[:, None] - 1e-3) & (high[None, :] > low[:, None] - parameters.edge)
+    nearer = (low[None, :] < low[:, None] - 1e-3) & (high[None, :] > low[:, None] - BELOW)
     beside = np.abs(apart) < 0.7 * half[:, None] + half[None, :]
     along = np.array([(nearer & (np.abs(apart + u * half[:, None]) < half[None, :])).any(axis=1) for u in EDGE])
-    return (nearer & beside).any(axis=1), np.asarray(along.mean(axis=0) >= parameters.covered)
+    return (nearer & beside).any(axis=1), np.asarray(along.mean(axis=0) >= COVERED)

@@ -10,13 +10,13 @@ Densities over distance are sums over fixed grid points (point-mass filter: Bucy
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.detections.walkable_prior import WalkabilityParameters, WalkablePrior
+from tracker.detections.walkable_prior import WalkablePrior
 from tracker.geometry import Array, Mask
 from tracker.geometry.ground import Ground
 
@@ -36,23 +36,30 @@ MARGIN = 0.3
 """m, an object nearer than this before a person hides nothing: places and maps have errors."""
 
 
-@dataclass(frozen=True)
-class RangeLikelihoodParameters:
-    """Assumptions on people and maps.
+HEAD_SIGMA = 0.03
+"""m, standard deviation of the upper edge from the stature: people nod, bounce and wear hats."""
 
-    `outlier_share` keeps children and people on stairs possible; `absent_share` arches and open doors, of which the map knows only the top.
-    """
+OUTLIER_SHARE, STATURE_RANGE = 0.05, (1.2, 2.3)
+"""Share of people whose apparent stature is uniform over the range, m: children and people on stairs stay possible."""
 
-    stature: float = 1.72  # m, mean of people
-    stature_sigma: float = 0.12  # m, standard deviation of people
-    head_sigma: float = 0.03  # m, standard deviation of the upper edge from the stature: people nod, bounce and wear hats
-    outlier_share: float = 0.05  # share of people whose apparent stature is uniform over `stature_range`
-    stature_range: tuple[float, float] = (1.2, 2.3)  # m
-    foot_sigma: float = 0.15  # m, standard deviation of the lowest point of a walking body from the ground under its middle
-    max_occlusion: float = 1.4  # m over the feet, greatest height of an occluder before a person who is detected
-    absent_share: float = 0.4  # probability that an object of the map hides nothing, where there is a box
-    top_sigma: float = 0.06  # m, standard deviation of tops in the map
-    walkability: WalkabilityParameters = field(default_factory=WalkabilityParameters)
+FOOT_SIGMA = 0.15
+"""m, standard deviation of the lowest point of a walking body from the ground under its middle."""
+
+MAX_OCCLUSION = 1.4
+"""m over the feet, greatest height of an occluder before a person who is detected."""
+
+ABSENT_SHARE = 0.4
+"""Probability that an object of the map hides nothing, where there is a box: of arches and open doors the map knows only the top."""
+
+TOP_SIGMA = 0.06
+"""m, standard deviation of tops in the map."""
+
+
+class Statures(NamedTuple):
+    """Mean and standard deviation, m, of the statures of people."""
+
+    mean: float
+    sigma: float
 
 
 class BoxEdges(NamedTuple):
@@ -87,7 +94,7 @@ class RangeLikelihood:
     sigma: Array
     feet_hidden: Array
     possible: Mask
-    parameters: RangeLikelihoodParameters
+    statures: Statures
 
     def select(self, rows: Mask) -> RangeLikelihood:
         """The likelihoods of the boxes in `rows` (n,)."""
@@ -107,13 +114,13 @@ class RangeLikelihood:
 
         The spacing of the grid bounds the covariance. Where the density is 0, so are mean and covariance.
         """
-        q, height = self.parameters, self.height[rows]
-        spread, total = q.stature_sigma**2, q.stature_sigma**2 + self.error[rows] ** 2
-        inlier, likelihood = _height_likelihood(height - q.stature, total, height, q)
+        usual, height = self.statures, self.height[rows]
+        spread, total = usual.sigma**2, usual.sigma**2 + self.error[rows] ** 2
+        inlier, likelihood = _height_likelihood(height - usual.mean, total, height, usual)
         _, share = _normalized(self.edge[rows] * likelihood, self.step)
         # The height of a box corrects the stature.
         gain = inlier / np.maximum(likelihood, 1e-300) * spread / total
-        after = q.stature + gain * (height - q.stature)
+        after = usual.mean + gain * (height - usual.mean)
         mean = np.stack([share @ self.distance, (share * after).sum(axis=1)], axis=1)
         apart = np.stack([self.distance - mean[:, :1], after - mean[:, 1:]], axis=1)
         covariance = np.einsum("mk,mik,mjk->mij", share, apart, apart)
@@ -123,7 +130,7 @@ class RangeLikelihood:
         return mean, covariance
 
 
-def infer_ranges(world: tuple[Ground, Ground], origin: Array, edges: BoxEdges, ahead: float, q: RangeLikelihoodParameters) -> RangeLikelihood:
+def infer_ranges(world: tuple[Ground, Ground], origin: Array, edges: BoxEdges, ahead: float, statures: Statures) -> RangeLikelihood:
     """Range likelihoods of boxes seen from `origin` (3,) m.
 
     world: the ground, and the tops of the objects on it; ahead m: distance of the point where soles end before the middle of the body.
@@ -138,34 +145,32 @@ def infer_ranges(world: tuple[Ground, Ground], origin: Array, edges: BoxEdges, a
     level = profiles[0][:, middle, ::REFINEMENT]
     sigma = np.sqrt(edges.variance)[:, None]
 
-    height, error = distance * np.tan(edges.high)[:, None] - level, np.hypot(sigma * distance, q.head_sigma)
-    total, covered = _edge_density(profiles, (distance, step, fine), edges, ahead, q)
-    if walkable := WalkablePrior.of(*world, q.walkability):
+    height, error = distance * np.tan(edges.high)[:, None] - level, np.hypot(sigma * distance, HEAD_SIGMA)
+    total, covered = _edge_density(profiles, (distance, step, fine), edges, ahead)
+    if walkable := WalkablePrior.of(*world):
         prior = walkable.at(places[:, middle, ::REFINEMENT])
         total, covered = total * prior, covered * prior
-    _, likelihood = _height_likelihood(height - q.stature, q.stature_sigma**2 + error**2, height, q)
+    _, likelihood = _height_likelihood(height - statures.mean, statures.sigma**2 + error**2, height, statures)
     density, weight = _normalized(total * likelihood, step)
     mean = weight @ distance
     spread = np.sqrt(np.maximum((weight * (distance - mean[:, None]) ** 2).sum(axis=1), MIN_SIGMA**2))
     feet_hidden = (covered * likelihood) @ step / np.maximum(density, 1e-12)
-    return RangeLikelihood(distance, step, total, height, error, mean, spread, feet_hidden, density > 1e-9, q)
+    return RangeLikelihood(distance, step, total, height, error, mean, spread, feet_hidden, density > 1e-9, statures)
 
 
-def _edge_density(
-    profiles: list[Array], grid: tuple[Array, Array, Array], edges: BoxEdges, ahead: float, q: RangeLikelihoodParameters
-) -> tuple[Array, Array]:
+def _edge_density(profiles: list[Array], grid: tuple[Array, Array, Array], edges: BoxEdges, ahead: float) -> tuple[Array, Array]:
     """Density (n, k) of the boxes' lower edges at each distance, a radian, and the part of it with hidden feet.
 
     profiles: heights (n, columns, fine) m of the ground and of tops over the eye; grid: the distances, their steps, and the fine distances, m.
     """
     distance, step, fine = grid
     level, sigma = profiles[0][:, len(LEG_COLUMNS) // 2, ::REFINEMENT], np.sqrt(edges.variance)[:, None]
-    feet, body = np.arctan(level / (distance - ahead)), np.arctan(q.max_occlusion / distance)
+    feet, body = np.arctan(level / (distance - ahead)), np.arctan(MAX_OCCLUSION / distance)
     # While walking the lowest point of a body is the ground's a little before or behind it.
-    stray = q.foot_sigma * np.abs(np.gradient(feet, axis=1) / step)
-    rough = np.hypot(sigma, q.top_sigma / distance)
+    stray = FOOT_SIGMA * np.abs(np.gradient(feet, axis=1) / step)
+    rough = np.hypot(sigma, TOP_SIGMA / distance)
     total, covered = np.zeros(level.shape), np.zeros(level.shape)
-    for heights, share in zip(profiles, (q.absent_share, 1 - q.absent_share), strict=True):
+    for heights, share in zip(profiles, (ABSENT_SHARE, 1 - ABSENT_SHARE), strict=True):
         # A box ends at the lowest visible point, between or beside the occluders.
         before = np.arctan(_steepest(heights / fine, fine)[..., ::REFINEMENT].min(axis=1))
         edge, hides = np.maximum(feet, before), before > feet
@@ -182,10 +187,10 @@ def _normal_density(x: Array, variance: Array) -> Array:
     return np.asarray(np.exp(-0.5 * x**2 / variance) / np.sqrt(2 * np.pi * variance))
 
 
-def _height_likelihood(above: Array, variance: Array, height: Array, q: RangeLikelihoodParameters) -> tuple[Array, Array]:
+def _height_likelihood(above: Array, variance: Array, height: Array, statures: Statures) -> tuple[Array, Array]:
     """Likelihood of boxes `above` m taller than predicted, relative to the mode of the population, without and with outliers of the stature."""
-    inlier = (1 - q.outlier_share) * _normal_density(above, variance) * q.stature_sigma * np.sqrt(2 * np.pi)
-    return inlier, inlier + q.outlier_share * ((height > q.stature_range[0]) & (height < q.stature_range[1]))
+    inlier = (1 - OUTLIER_SHARE) * _normal_density(above, variance) * statures.sigma * np.sqrt(2 * np.pi)
+    return inlier, inlier + OUTLIER_SHARE * ((height > STATURE_RANGE[0]) & (height < STATURE_RANGE[1]))
 
 
 def _steepest(slope: Array, distance: Array) -> Array:

@@ -26,7 +26,7 @@ FEW = 0.1
 """People are few where the reported places are less than this share of the boxes of one camera."""
 
 
-def count_rejections(views: Iterable[GroundDetections], setup: Setup, fusion: FusionParameters) -> dict[str, int]:
+def count_rejections(views: Iterable[GroundDetections], setup: Setup) -> dict[str, int]:
     """The number of boxes, and of those that each gate stops: name → count. The last name, USABLE, is of the boxes that no gate stops."""
     counts = dict.fromkeys((BOXES, NO_GROUND, TOO_LOW, TOO_HIGH, HIDDEN_FEET, OUTSIDE, USABLE), 0)
     low, high = setup.height
@@ -37,7 +37,7 @@ def count_rejections(views: Iterable[GroundDetections], setup: Setup, fusion: Fu
             (NO_GROUND, ~feet.grounded),
             (TOO_LOW, feet.height < low),
             (TOO_HIGH, feet.height > high),
-            (HIDDEN_FEET, ~may_initiate(feet, fusion)),
+            (HIDDEN_FEET, ~may_initiate(feet)),
             (OUTSIDE, ~setup.contains(feet.point)),
         ):
             counts[name] += int((left & stopped).sum())

@@ -67,50 +67,51 @@ COUNT, REACH = 13, 3.0
 """Grid points along each of two axes, and their extent in standard deviations."""
 
 
-@dataclass(frozen=True)
-class WalkabilityParameters:
-    """Assumptions on people and maps."""
+SOLID_HEIGHT = 0.3
+"""m over the ground above which nobody stands on an object."""
 
-    solid_height: float = 0.3  # m over the ground above which nobody stands on an object
-    edge_sigma: float = 0.15  # m, standard deviation of the edges of objects in the map
-    slope: tuple[float, float] = (0.5, 0.1)  # slope (rise over run) that halves the prior, and the standard deviation of that limit
-    slope_window: float = 0.6  # m over which slopes are taken
-    floor: float = 0.02  # prior of places where nobody should stand: maps miss doors and stairs
+EDGE_SIGMA = 0.15
+"""m, standard deviation of the edges of objects in the map."""
+
+MAX_SLOPE, MAX_SLOPE_SIGMA, SLOPE_WINDOW = 0.5, 0.1, 0.6
+"""Slope (rise over run) that halves the prior, the standard deviation of that limit, and the length over which slopes are taken, m."""
+
+FLOOR = 0.02
+"""Prior of places where nobody should stand: maps miss doors and stairs."""
 
 
 @dataclass(frozen=True, eq=False)
 class WalkablePrior:
     """Prior (rows, columns) at the points of a grid, relative to free and level ground, which has 1.
 
-    origin (2,) m and spacing m: as of Grid; floor: the prior beyond the grid.
+    origin (2,) m and spacing m: as of Grid. Beyond the grid it is FLOOR.
     """
 
     prior: Array
     origin: Array
     spacing: float
-    floor: float
 
     @staticmethod
     @lru_cache(maxsize=8)
-    def of(ground: Ground, tops: Ground | None, q: WalkabilityParameters) -> WalkablePrior | None:
+    def of(ground: Ground, tops: Ground | None) -> WalkablePrior | None:
         """The prior of a ground and the tops of the objects on it; None unless both are grids of the same points."""
         if not (isinstance(ground, Grid) and isinstance(tops, Grid) and _same_points(ground, tops)):
             return None
-        solid = tops.heights - ground.heights > q.solid_height
+        solid = tops.heights - ground.heights > SOLID_HEIGHT
         clearance = (_depth(~solid) - _depth(solid)) * ground.spacing
-        window = max(1, round(q.slope_window / ground.spacing))
+        window = max(1, round(SLOPE_WINDOW / ground.spacing))
         smooth = ndimage.uniform_filter(ground.heights, window, mode="nearest")
         # The minimum admits the level ground right above and right below a step.
         slope = ndimage.minimum_filter(np.hypot(*np.gradient(smooth, ground.spacing)), window, mode="nearest")
-        free = ndtr(clearance / q.edge_sigma) * ndtr((q.slope[0] - slope) / q.slope[1])
-        return WalkablePrior(q.floor + (1 - q.floor) * free, ground.origin, ground.spacing, q.floor)
+        free = ndtr(clearance / EDGE_SIGMA) * ndtr((MAX_SLOPE - slope) / MAX_SLOPE_SIGMA)
+        return WalkablePrior(FLOOR + (1 - FLOOR) * free, ground.origin, ground.spacing)
 
     def at(self, points: Array) -> Array:
         """Prior (...) at points (..., 2) m."""
         index = np.rint((points - self.origin) / self.spacing).astype(np.int64)
         end = np.array(self.prior.shape)[::-1] - 1
         column, row = np.moveaxis(np.clip(index, 0, end), -1, 0)
-        return np.where(((index >= 0) & (index <= end)).all(axis=-1), self.prior[row, column], self.floor)
+        return np.where(((index >= 0) & (index <= end)).all(axis=-1), self.prior[row, column], FLOOR)
 
     def posterior(self, mean: Array, covariance: Array) -> tuple[Array, Array, Array]:
         """Mean (n, 2) m and covariance (n, 2, 2) m² of n normal distributions times the prior, and the prior's expectation (n,) under each."""

@@ -32,14 +32,15 @@ LEAST_SIGMA = 0.01
 """Least standard deviation of the cosines of a kind."""
 MOST = 6.0
 """Greatest log-likelihood ratio, by absolute value."""
+WEIGHT, RATE = 0.7, 0.1
+"""Weight of the log-likelihood ratios, and learning rate of a track's appearance."""
 
 
 class AppearanceModel:
     """Appearance is compared within one camera alone: colours and light differ from camera to camera."""
 
-    def __init__(self, weight: float, rate: float, cameras: list[str]) -> None:
-        """weight: of the log-likelihood ratios; rate: learning rate of a track's appearance."""
-        self.weight, self.rate, self.column = weight, rate, {camera: k for k, camera in enumerate(cameras)}
+    def __init__(self, cameras: list[str]) -> None:
+        self.column = {camera: k for k, camera in enumerate(cameras)}
         self._distance = np.full(len(cameras), PRIOR_DISTANCE * PRIOR_COUNT)
         self._counts = np.full(len(cameras), PRIOR_COUNT)
         self._given: dict[int, CosineModel] = {}  # of the cameras whose detector gives vectors
@@ -54,7 +55,7 @@ class AppearanceModel:
             known, seen = np.flatnonzero(leaves.appearance_count[:, c] > 0), np.flatnonzero(np.isfinite(boxes.appearance[:, 0]))
             length = min(boxes.appearance.shape[1], leaves.appearance.shape[2])
             cosine = _unit(leaves.appearance[known, c, :length]) @ boxes.appearance[seen, :length].T
-            ratio[np.ix_(known, seen)] = self.weight * self._log_ratio(c, cosine)
+            ratio[np.ix_(known, seen)] = WEIGHT * self._log_ratio(c, cosine)
         return np.concatenate([np.zeros((len(leaves), 0)), *out], axis=1)
 
     def _log_ratio(self, column: int, cosine: Array) -> Array:
@@ -74,7 +75,7 @@ class AppearanceModel:
         both = [c for c in self._given if a.boxes[c] > 0 and b.boxes[c] > 0]
         length = min(a.mean.shape[1], b.mean.shape[1])
         ratios = [self._given[c].log_ratio(_unit(a.mean[c : c + 1, :length]) @ _unit(b.mean[c : c + 1, :length]).T) for c in both]
-        return self.weight * float(np.mean(ratios)) if ratios else 0.0
+        return WEIGHT * float(np.mean(ratios)) if ratios else 0.0
 
     def with_appearance(self, leaves: TrackHypotheses, views: list[GroundDetections], box: Ints, sure: NDArray[np.bool_]) -> TrackHypotheses:
         """The leaves with their appearance updated by their boxes; what distances and cosines say is learned from those that are `sure` (n,).
@@ -104,7 +105,7 @@ class AppearanceModel:
                 distance = 1 - (_unit(mean[rows[old], c, part]) * now[old]).sum(axis=1)
                 self._distance[c] += np.minimum(distance, LOG_RATIO[-1, 0] * PRIOR_DISTANCE).sum()
                 self._counts[c] += len(distance)
-            share = np.maximum(self.rate, 1 / (count[rows, c] + 1))[:, None]
+            share = np.maximum(RATE, 1 / (count[rows, c] + 1))[:, None]
             mean[rows, c, part] += share * (now - mean[rows, c, part])
             count[rows, c] += 1
         return replace(leaves, appearance=mean, appearance_count=count)

@@ -9,7 +9,7 @@ import numpy as np
 
 from tracker.detections.ground_points import GroundDetections
 from tracker.detections.occlusion import Bodies, Viewpoint
-from tracker.detections.range_likelihood import RangeLikelihoodParameters
+from tracker.detections.range_likelihood import HEAD_SIGMA, OUTLIER_SHARE, STATURE_RANGE, Statures
 from tracker.geometry import Array, Ints, Mask
 from tracker.geometry.compilation import njit
 from tracker.geometry.ground import Ground
@@ -62,15 +62,15 @@ class RangeTable(NamedTuple):
     head_sigma: float
 
     @staticmethod
-    def of(views: list[GroundDetections], q: RangeLikelihoodParameters) -> RangeTable:
+    def of(views: list[GroundDetections], statures: Statures) -> RangeTable:
         """The ambiguous boxes of all views, in their order."""
-        people = np.array([q.stature, q.stature_sigma, q.outlier_share, *q.stature_range])
+        people = np.array([*statures, OUTLIER_SHARE, *STATURE_RANGE])
         known = [(f.ranges, f.ambiguous) for f in views if f.ranges is not None]
         if not known:
             none = np.zeros((0, 0))
-            return RangeTable(np.zeros(0), np.zeros(0), none, none, none, people, q.head_sigma)
+            return RangeTable(np.zeros(0), np.zeros(0), none, none, none, people, HEAD_SIGMA)
         edge, height, error = (np.concatenate([getattr(r, name)[rows] for r, rows in known]) for name in ("edge", "height", "error"))
-        return RangeTable(known[0][0].distance, known[0][0].step, edge, height, error, people, q.head_sigma)
+        return RangeTable(known[0][0].distance, known[0][0].step, edge, height, error, people, HEAD_SIGMA)
 
 
 class BoxTable(NamedTuple):
@@ -121,7 +121,7 @@ class BoxTable(NamedTuple):
         return BoxTable(
             origin, bias, sensors.registration_bias.centre, start, column("direction", (3,)), column("covariance", (2, 2)), column("feet_hidden", ()),
             np.tan(column("head_elevation", ())), ratio, np.minimum(existence, q.max_gain), weakness,
-            column("cut", ()) > 0, known.astype(bool), np.where(ambiguous, np.cumsum(ambiguous) - 1, -1), RangeTable.of(views, q.fusion.ranges),
+            column("cut", ()) > 0, known.astype(bool), np.where(ambiguous, np.cumsum(ambiguous) - 1, -1), RangeTable.of(views, q.fusion.statures),
         )  # fmt: skip
 
 

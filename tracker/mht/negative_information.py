@@ -21,6 +21,9 @@ from tracker.tracks.tracks import Places, with_places
 COUNT, REACH = 9, 2.7
 """Grid points along each of two axes, and their extent in standard deviations."""
 
+SAMPLING_SIGMA = 0.3
+"""m, standard deviation of a place above which visibility is averaged over the grid."""
+
 
 class ExpectedVisibility(NamedTuple):
     """Expected detection of all leaves in all views.
@@ -44,7 +47,7 @@ class ExpectedVisibility(NamedTuple):
         """
         q, place = sensor_model.parameters, leaves.state[:, :2]
         known = sensor_model.setup.occluders is not None
-        uncertain = (leaves.position_sigma > q.sampling_sigma) & ~leaves.deleted & known
+        uncertain = (leaves.position_sigma > SAMPLING_SIGMA) & ~leaves.deleted & known
         rows = np.flatnonzero(uncertain if missed is None else uncertain & missed.any(axis=1))
         grid = GaussianGrid.of(place[rows], leaves.covariance[rows, :2, :2], COUNT, REACH) if len(rows) else None
         points = grid.points.reshape(-1, 2) if grid else place[:0]

@@ -17,6 +17,9 @@ from tracker.mht.global_hypothesis import GlobalHypothesis
 from tracker.mht.track_trees import TrackHypotheses, weights
 from tracker.tracks.parameters import MhtParameters
 
+PATIENCE = 4
+"""Revisits of the cameras for which a tentative track may be outside the global hypothesis."""
+
 
 class Lifetimes(NamedTuple):
     """Bounds in revisits: of coasting, and of the time outside the global hypothesis for confirmed tracks. scan: ticks of the N-scan window."""
@@ -33,7 +36,7 @@ def surviving_leaves(leaves: TrackHypotheses, box: Ints, chosen: GlobalHypothesi
     """
     q = parameters
     # A tentative track that takes boxes of others is never in the global hypothesis, and would stay for ever.
-    tentative = (leaves.misses < 2.5) & (leaves.existence > logit(q.forget)) & (leaves.unselected <= q.patience + 0.5)
+    tentative = (leaves.misses < 2.5) & (leaves.existence > logit(q.forget)) & (leaves.unselected <= PATIENCE + 0.5)
     keep = np.where(leaves.confirmed, (leaves.misses <= longest.coasting) & (leaves.unselected <= longest.unselected), tentative)
     keep &= leaves.speed <= q.motion.v_max
     keep &= _within_n_scan(leaves, chosen.best, longest.scan)

@@ -38,7 +38,7 @@ from tracker.mht.global_hypothesis import CliqueSolver, GlobalHypothesis, Hypoth
 from tracker.mht.initiation import with_statures, with_walkable_prior
 from tracker.mht.joint_assignment import assign_jointly, assigned_boxes, union
 from tracker.mht.negative_information import ExpectedVisibility
-from tracker.mht.pruning import Lifetimes, prune_branches, surviving_leaves
+from tracker.mht.pruning import PATIENCE, Lifetimes, prune_branches, surviving_leaves
 from tracker.mht.tick_memory import Step, TickMemory
 from tracker.mht.track_trees import MhtFixedLagSmoother, TrackHypotheses, coasted, initiated, predict, survived
 from tracker.tracks.measurement_noise import MeasurementNoise
@@ -52,6 +52,18 @@ from tracker.types.ticks import ROUNDING
 MOSTLY = 0.9
 """Revisits since the last box within which a person counts as seen: less than one, as clocks jitter."""
 
+MAX_OUTSIDE = 3 / 7
+"""s outside all views after which a person is gone."""
+
+REPORT_SIGMA = 1.0
+"""m, standard deviation of a place from which a coasting person is reported no more."""
+
+COVERING_SHARE = 0.3
+"""Probability that a person without a box stands before another one's box, whose corners then are theirs."""
+
+SUPPORTED = 0.5
+"""Probability that a box that nobody takes is false, where a box of another view may be of the same person."""
+
 
 @final
 class MhtTracker:
@@ -60,7 +72,7 @@ class MhtTracker:
     def __init__(self, setup: Setup, parameters: MhtParameters, delay: int, solver: CliqueSolver | None = None) -> None:
         """solver: of the graphs of leaves, by default `proved_cliques`."""
         # Without known occluders, a track that is not seen again is more often wrong than hidden.
-        hidden_sigma = 0.0 if setup.occluders is None else parameters.report_sigma
+        hidden_sigma = 0.0 if setup.occluders is None else REPORT_SIGMA
         self._smoother = MhtFixedLagSmoother(delay, parameters.motion, hidden_sigma)
         self.filter = MhtFilter(setup, parameters, delay, solver)
 
@@ -109,13 +121,12 @@ class MhtFilter:
         """delay: frames that the tracks remember at least."""
         self.setup, self.parameters = setup, parameters
         self.sensor_model = SensorModel(setup, parameters)
-        ranges = parameters.fusion.ranges
-        self._stature = ranges.stature, ranges.stature_sigma
-        self._walkable = WalkablePrior.of(setup.ground, setup.occluders, ranges.walkability)
+        self._stature = parameters.fusion.statures
+        self._walkable = WalkablePrior.of(setup.ground, setup.occluders)
         new_target = NewTargetModel(parameters.arrival_rate, *self._stature)
-        self.appearance = AppearanceModel(parameters.appearance_weight, parameters.appearance_rate, list(setup.mounts))
+        self.appearance = AppearanceModel(list(setup.mounts))
         lost = parameters.reidentification
-        self.reidentification = Reidentification(lost, parameters.motion, new_target, self.appearance.same_person)
+        self.reidentification = Reidentification(lost, new_target, self.appearance.same_person)
         self.search = HypothesisSearch(parameters, solver)
         self.now = Step(setup.period, setup.revisit, 0.0, 0, 1)
         self._memory = TickMemory(parameters.n_scan, delay, setup.period, setup.revisit)
@@ -160,7 +171,7 @@ class MhtFilter:
         people = self.leaves.select(self.best)
         # Time in which no view could have had a box does not count as a gap.
         present = people.confirmed & ~people.deleted & (people.expected_misses <= self._max_gap)
-        present &= (people.misses < MOSTLY) | (people.position_sigma <= self.parameters.report_sigma)
+        present &= (people.misses < MOSTLY) | (people.position_sigma <= REPORT_SIGMA)
         return people, present
 
     def _survived(self, existence: Array) -> Array:
@@ -212,7 +223,7 @@ class MhtFilter:
         out, start = self.appearance.log_ratio(now.leaves, now.views), now.table.start
         for v, boxes in enumerate(now.views):
             if boxes.links:
-                hidden = self.parameters.covering_share * (1 - self.sensor_model.detection(boxes.camera))
+                hidden = COVERING_SHARE * (1 - self.sensor_model.detection(boxes.camera))
                 out[:, start[v] : start[v + 1]] += self._owners.links(boxes.camera, now.leaves.tree, boxes.links, hidden)
         return out
 
@@ -232,7 +243,7 @@ class MhtFilter:
         taken = assigned_boxes(trees[(leaves.misses[trees] < 1.5) & ~leaves.deleted[trees]], children, table)
         free = [~taken[start:end] for start, end in itertools.pairwise(table.start.tolist())]
         groups = group_across_views([self.sensor_model.corrected(boxes) for boxes in now.views], free, self.setup.height, self.parameters.fusion)
-        doubt = _doubt(now.views, groups, self.parameters.supported)
+        doubt = _doubt(now.views, groups)
         rate = self.sensor_model.arrival_rate(self.now.elapsed, self.now.revisits)
         score = self.sensor_model.initiation_score(now.views, now.cameras, groups, _tracks(leaves.select(self.best)), rate)
         return Roots(groups, score), doubt
@@ -328,7 +339,7 @@ class MhtFilter:
 
     def _has_left(self, leaves: TrackHypotheses) -> Mask:
         """Which leaves (n,) are outside all views for too long."""
-        return np.asarray(leaves.out_of_view * self.now.revisit > self.parameters.max_outside)
+        return np.asarray(leaves.out_of_view * self.now.revisit > MAX_OUTSIDE)
 
     def _learn(self, now: Observation, children: ChildHypotheses, new: NewLeaves, best: Ints, doubt: list[Array]) -> None:
         """Learn the detection rates, measurement noise and registration bias of each view from the confirmed tracks of the global hypothesis."""
@@ -371,16 +382,16 @@ def _longest(q: MhtParameters, setup: Setup, delay: int) -> tuple[Lifetimes, int
     """Bounds of coasting, and the longest gap that is bridged, in whole revisits. Tracks stay while the smoother may report their last frames."""
     gap, scan = round(q.delta_a / setup.revisit), round(q.n_scan / setup.revisit)
     window = max(scan, math.ceil(delay * setup.period / setup.revisit - ROUNDING)) + 1
-    return Lifetimes(max(round(q.coasting_factor * gap), window) + 0.5, max(scan, q.patience) + 0.5, scan), gap
+    return Lifetimes(max(round(q.coasting_factor * gap), window) + 0.5, max(scan, PATIENCE) + 0.5, scan), gap
 
 
-def _doubt(views: list[GroundDetections], groups: list[CrossViewGroup], supported: float) -> list[Array]:
+def _doubt(views: list[GroundDetections], groups: list[CrossViewGroup]) -> list[Array]:
     """Factor (d,), for the boxes of each view, of the probability that a box that nobody takes is false: less where another view agrees."""
     out = [np.ones(len(feet)) for feet in views]
     for group in groups:
         if len(group.members) > 1:
             for v, d in group.members:
-                out[v][d] = supported
+                out[v][d] = SUPPORTED
     return out
 
 

@@ -16,6 +16,12 @@ from tracker.geometry import Array
 from tracker.geometry.compilation import njit
 from tracker.types import Setup
 
+SLOPE, SLOPE_FIRST = 0.03, 0.005
+"""m a metre, standard deviation of the slope of a bias over the ground, for fixed cameras; and of the first view's slope."""
+
+CORRELATION = 30.0
+"""Innovations that count as one independent measurement, as they are correlated over time."""
+
 
 @dataclass(frozen=True)
 class RegistrationBiasParameters:
@@ -23,9 +29,6 @@ class RegistrationBiasParameters:
 
     sigma: float = 0.3  # m, of a view's bias; 0 switches the estimation off
     first: float = 0.05  # m, of the first view's bias; a small value reports places as that view sees them
-    slope: float = 0.03  # m a metre, of the slope of a bias over the ground, for fixed cameras
-    slope_first: float = 0.005  # m a metre, of the slope of the first view
-    correlation: float = 30.0  # innovations that count as one independent measurement, as they are correlated over time
 
 
 class RegistrationBias:
@@ -38,7 +41,7 @@ class RegistrationBias:
         self.centre = setup.area.mean(axis=0) if setup.area is not None else np.mean(places, axis=0) if places else np.zeros(2)
         self._estimates: dict[str, tuple[Array, Array]] = {}
         for k, (camera, mount) in enumerate(setup.mounts.items()):
-            sigma, slope = (p.sigma, p.slope) if k else (min(p.first, p.sigma), p.slope_first)
+            sigma, slope = (p.sigma, SLOPE) if k else (min(p.first, p.sigma), SLOPE_FIRST)
             slope *= mount.robot in fixed and p.sigma > 0
             self._estimates[camera] = np.zeros(6), np.diag([sigma**2] * 2 + [slope**2] * 4)
 
@@ -58,7 +61,7 @@ class RegistrationBias:
         innovations are correlated.
         """
         if self.parameters.sigma > 0:
-            self._estimates[camera] = _updated(self._estimates[camera], place - self.centre, innovations, self.parameters.correlation)
+            self._estimates[camera] = _updated(self._estimates[camera], place - self.centre, innovations, CORRELATION)
 
 
 @njit(cache=True)

@@ -31,6 +31,16 @@ COVER_BOUNDS = np.array([0.05, 0.2, 0.4, 0.6, 0.8])
 """Covered shares of a body at which the classes of cover begin."""
 COVER_MIDDLES = np.array([0.0, 0.12, 0.3, 0.5, 0.7, 0.9])
 """Covered shares in the middle of the classes; the first is that of visible bodies."""
+RELATIVE_RATES = np.array([(0.85, 0.6, 0.3, 0.15, 0.05), (0.7, 0.5, 0.4, 0.3, 0.2)])
+"""Prior relative detection rates of people behind objects, and of people behind people, by classes of cover."""
+WEIGHT_COVERED = 40.0
+"""People for which each of these rates counts."""
+TOP_SHARE = 0.6
+"""Share of the prior counts in the highest class of confidences that are probabilities."""
+MIN_DETECTION = 0.2
+"""Least detection rate."""
+WATCHED = 15.0
+"""m, radius of the ground on which false boxes are counted where no area is set."""
 
 
 @dataclass(frozen=True)
@@ -38,19 +48,13 @@ class DetectionRateParameters:
     """Prior counts, memory and bounds."""
 
     learned: bool = True  # whether it is learned what a confidence says; else it is a probability
-    top_share: float = 0.6  # share of the prior counts in the highest class of confidences that are probabilities
     detection: float = 0.9  # prior detection rate of people in full view
     weight: float = 30.0  # people for which that rate counts
     false: float = 1e-3  # prior density of false boxes, a square metre of ground and tick
     weight_false: float = 100.0  # ticks for which that density counts
     memory: float = 150.0  # ticks, time constant with which counts fade
-    watched: float = 15.0  # m, radius of the ground on which false boxes are counted where no area is set
     log_ratios: tuple[float, float] = (1.0, 8.5)  # prior of log_ratio in the lowest and the highest class of confidence
-    min_detection: float = 0.2  # least detection rate
     max_detection: float = 0.9  # greatest detection rate
-    behind_things: tuple[float, ...] = (0.85, 0.6, 0.3, 0.15, 0.05)  # prior relative detection rates of people behind objects, by classes of cover
-    behind_people: tuple[float, ...] = (0.7, 0.5, 0.4, 0.3, 0.2)  # the same of people behind people
-    weight_covered: float = 40.0  # people for which each of these rates counts
 
 
 @dataclass(eq=False)
@@ -86,7 +90,7 @@ class DetectionRates:
     def _of(self, camera: str) -> _Counts:
         if camera not in self._counts:
             q, n = self.parameters, len(LEVELS)
-            found = q.detection * q.weight * np.append(np.full(n, (1 - q.top_share) / n), q.top_share)
+            found = q.detection * q.weight * np.append(np.full(n, (1 - TOP_SHARE) / n), TOP_SHARE)
             false = np.full(n + 1, q.false * self.ground_area * q.weight_false / (n + 1))
             self._counts[camera] = _Counts(found, q.weight, false, q.weight_false)
         return self._counts[camera]
@@ -94,7 +98,7 @@ class DetectionRates:
     def detection(self, camera: str) -> float:
         """Detection rate of people in full view."""
         c = self._of(camera)
-        return float(np.clip(c.found.sum() / c.expected, self.parameters.min_detection, self.parameters.max_detection))
+        return float(np.clip(c.found.sum() / c.expected, MIN_DETECTION, self.parameters.max_detection))
 
     def false_density(self, camera: str) -> float:
         """Density of false boxes of all confidences, a square metre and tick."""
@@ -115,10 +119,10 @@ class DetectionRates:
 
     def relative_detection(self, camera: str, cover: Array) -> Array:
         """Detection rate (n,) of people covered by shares (n, 2) by objects and by people, relative to people in full view."""
-        out, q, detection = np.ones(len(cover)), self.parameters, self.detection(camera)
-        for by, prior in enumerate((q.behind_things, q.behind_people)):
+        out, detection = np.ones(len(cover)), self.detection(camera)
+        for by, prior in enumerate(RELATIVE_RATES):
             found, expected = self._covered.get((camera, by), (0.0, 0.0))
-            share = (found + detection * q.weight_covered * np.array(prior)) / (detection * (expected + q.weight_covered))
+            share = (found + detection * WEIGHT_COVERED * prior) / (detection * (expected + WEIGHT_COVERED))
             # Rates must not increase with the covered share, which small counts may suggest.
             out *= np.interp(cover[:, by], COVER_MIDDLES, np.minimum.accumulate(np.append(1.0, share)))
         return out
@@ -230,37 +234,33 @@ SURELY_FALSE = 0.5
 """Probability to be false from which a box counts."""
 
 
-@dataclass(frozen=True)
-class StandingClutterParameters:
-    """How false boxes that stay are learned."""
-
-    memory: float = 60.0  # ticks, time constant with which counts fade
-    weight: float = 30.0  # ticks without a false box for which an unknown place counts
-    chance: float = 1.0  # boxes about a place that say nothing, as people are missed and false boxes come anew
-    seen_again: float = 0.8  # factor of the counts in a tick in which a person stands there whom several views see
-    enabled: bool = True
+CLUTTER_MEMORY, UNKNOWN = 60.0, 30.0
+"""Ticks: time constant with which counts fade, and without a false box for which an unknown place counts."""
+CHANCE = 1.0
+"""Boxes about a place that say nothing, as people are missed and false boxes come anew."""
+SEEN_AGAIN = 0.8
+"""Factor of the counts in a tick in which a person stands there whom several views see."""
 
 
 class StandingClutter:
     """The maps of all views."""
 
-    def __init__(self, parameters: StandingClutterParameters) -> None:
-        self.parameters = parameters
+    def __init__(self) -> None:
         self._maps: dict[str, dict[tuple[int, int], float]] = {}
 
     def density(self, feet: GroundDetections) -> Array:
         """Density (n,) of false boxes that stay, a square metre and tick, at the boxes of a view."""
-        q, out, known = self.parameters, np.zeros(len(feet)), self._maps.get(feet.camera)
+        out, known = np.zeros(len(feet)), self._maps.get(feet.camera)
         if not known:
             return out
         for k in np.flatnonzero(feet.grounded).tolist():
             out[k] = sum(known.get((int(i), int(j)), 0.0) for i, j in _cell(feet.point[k, :2]) + AROUND)
-        return np.maximum(out - q.chance, 0.0) / (len(AROUND) * CELL**2 * (q.memory + q.weight))
+        return np.maximum(out - CHANCE, 0.0) / (len(AROUND) * CELL**2 * (CLUTTER_MEMORY + UNKNOWN))
 
     def learn(self, feet: GroundDetections, false: Array, sure: Array) -> None:
         """Count a tick of a view. false (n,): probability of each box to be false. sure (m, 2) m: places of people whom several views see."""
-        q, known = self.parameters, self._maps.setdefault(feet.camera, {})
-        fade = np.exp(-1 / q.memory)
+        known = self._maps.setdefault(feet.camera, {})
+        fade = np.exp(-1 / CLUTTER_MEMORY)
         for cell, count in list(known.items()):
             known[cell] = fade * count
             if known[cell] < LEAST_IN_CELL:
@@ -271,7 +271,7 @@ class StandingClutter:
         for place in sure:
             for i, j in (_cell(place) + AROUND).tolist():
                 if (i, j) in known:
-                    known[i, j] *= q.seen_again
+                    known[i, j] *= SEEN_AGAIN
 
 
 def _cell(place: Array) -> Ints:

@@ -17,14 +17,15 @@ from tracker.geometry.compilation import njit
 BOUNDS = -10.0, 30.0
 """Bounds of the ratio of variances that one innovation gives."""
 
+WEIGHT, MAX_RATIO = 30.0, 10.0
+"""Innovations for which the assumed variance counts, and the greatest ratio to it."""
+
 
 @dataclass(frozen=True)
 class MeasurementNoiseParameters:
-    """Weight of the assumed variance, and bounds of the estimate."""
+    """How far the estimate is trusted."""
 
-    weight: float = 30.0  # innovations for which the assumed variance counts
     excess: float = 2.0  # factor of the estimated excess, as errors of boxes are correlated over time; 0 switches the estimation off
-    max_ratio: float = 10.0  # greatest ratio to the assumed variance
 
 
 class MeasurementNoise:
@@ -38,7 +39,7 @@ class MeasurementNoise:
         """Ratios (2,) of the variance of boxes of `camera` to the assumed one, along azimuth and elevation."""
         q = self.parameters
         total, count = self._sums.get(camera, (np.zeros(2), 0))
-        return np.asarray(np.clip(1 + q.excess * ((q.weight + total) / (q.weight + count) - 1), 1.0, q.max_ratio))
+        return np.asarray(np.clip(1 + q.excess * ((WEIGHT + total) / (WEIGHT + count) - 1), 1.0, MAX_RATIO))
 
     def inflated(self, feet: GroundDetections) -> GroundDetections:
         """The detections with covariances of directions inflated by the estimated ratios."""

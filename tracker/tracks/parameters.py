@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from tracker.detections.ground_points import FusionParameters
 from tracker.tracks.calibration_bias import RegistrationBiasParameters
-from tracker.tracks.detection_rates import DetectionRateParameters, StandingClutterParameters
+from tracker.tracks.detection_rates import DetectionRateParameters
 from tracker.tracks.measurement_noise import MeasurementNoiseParameters
 from tracker.tracks.reidentification import ReidentificationParameters
 from tracker.tracks.tracks import MotionParameters
@@ -20,18 +20,16 @@ class MhtParameters:
     motion: MotionParameters = field(default_factory=MotionParameters)
     detection_rates: DetectionRateParameters = field(default_factory=DetectionRateParameters)
     reidentification: ReidentificationParameters = field(default_factory=ReidentificationParameters)
-    standing_clutter: StandingClutterParameters = field(default_factory=StandingClutterParameters)
     registration_bias: RegistrationBiasParameters = field(default_factory=RegistrationBiasParameters)
     noise: MeasurementNoiseParameters = field(default_factory=MeasurementNoiseParameters)
+    standing_clutter: bool = True  # whether places where false boxes stay are learned
     arrival_rate: float = 2e-4  # new people, a square metre and revisit of the cameras
-    initial_density: float = 2e-2  # people in the first tick, a square metre
     clutter: float = 1.0  # least density of false boxes of a view, a steradian
     max_gain: float = 6.0  # greatest log-likelihood ratio of one box
     least_fit: float = 0.0  # least log-likelihood ratio that a box would have where a leaf stands, were it the most confident one of its view
     gate: float = 4.0  # standard deviations of the innovation
     delta_a: float = 9 / 7  # s, longest gap of a track that is bridged
     coasting_factor: float = 3.0  # of delta_a, time for which a track without boxes coasts before its deletion, unreported
-    sampling_sigma: float = 0.3  # m, standard deviation of a place above which visibility is averaged over a grid
     n_conf: int = 2  # frames with a box before a track may be confirmed
     residence: float = 60.0  # s, mean time for which a track is of one person
     miss_time: float = 0.5  # s in which the missed detections of a person have one cause and count once against existence
@@ -39,9 +37,6 @@ class MhtParameters:
     report: float = 0.98  # probability of existence from which a track is confirmed
     forget: float = 5e-4  # probability of existence below which a track is deleted
     joint_misses: float = 2.0  # missed detections for which a miss in all views at once counts at most, as its cause is common
-    covering_share: float = 0.3  # probability that a person without a box stands before another one's box, whose corners then are theirs
-    max_outside: float = 3 / 7  # s outside all views after which a person is gone
-    report_sigma: float = 1.0  # m, standard deviation of a place from which a coasting person is reported no more
     n_scan: float = 10 / 7  # s, age at which N-scan pruning fixes a decision
     margin: float = 15.0  # log-likelihood by which a child may be worse than the best child of its leaf
     uncontested_margin: float = 4.0  # the same where no other tree gates the boxes of the best child
@@ -50,12 +45,8 @@ class MhtParameters:
     tree_leaves: int = 8  # leaves of a tree, at most
     tentative_leaves: int = 4  # the same for a tentative track
     max_loss: float = 30.0  # log-likelihood by which the best hypothesis with a leaf may be worse than the global hypothesis
-    patience: int = 4  # revisits of the cameras for which a tentative track may be outside the global hypothesis
     max_leaves: int = 160  # leaves in all; each has several children, and every two of them are compared
     max_weight: float = 60.0  # largest score from before the N-scan window that counts in a weight
-    appearance_weight: float = 0.7  # of the log-likelihood ratio of the appearance model, where there are images
-    appearance_rate: float = 0.1  # learning rate of a track's appearance
-    supported: float = 0.5  # probability that a box that nobody takes is false, where a box of another view may be of the same person
     k_h: int = 1  # K_H, hypotheses that are kept; above 1, the children of each form a graph of their own
     i_bls_max: int = 2000  # moves of the local search, at most
     branches: int = 20  # of branch and bound in one component of the graph, at most; they bound the time of a tick

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from tracker.geometry import Array, Mask
-from tracker.tracks.tracks import MotionParameters, Tracks, coasting_time
+from tracker.tracks.tracks import Tracks, coasting_time
 from tracker.types.ticks import ROUNDING
 
 LOST_MISSES = 2.5
@@ -22,6 +22,12 @@ LOST_MISSES = 2.5
 
 STATURE_DRIFT = 0.02
 """m, standard deviation of the change of an apparent stature while a person is lost."""
+
+RETURN_RATE = 0.2
+"""Probability that a lost person reappears at a tick and is tracked again."""
+
+DIFFUSION = 0.6
+"""m²/s, growth of the variance of a lost person's place, an axis."""
 
 MAX_STATURE_RATIO = 4.0
 """Greatest log-likelihood ratio of statures, by absolute value."""
@@ -43,8 +49,6 @@ class ReidentificationParameters:
     """How people reappear."""
 
     memory: float = 8.0  # s after its last box for which a track may be re-identified
-    return_rate: float = 0.2  # probability that a lost person reappears at a tick and is tracked again
-    diffusion: float = 0.6  # m²/s, growth of the variance of a lost person's place, an axis
 
 
 class NewTargetModel(NamedTuple):
@@ -71,12 +75,11 @@ class Reidentification:
     def __init__(
         self,
         parameters: ReidentificationParameters,
-        motion: MotionParameters,
         new_targets: NewTargetModel,
         same_person: Callable[[Appearance, Appearance], float],
     ) -> None:
         """same_person: log-likelihood ratio of two appearances being of one person."""
-        self.parameters, self.motion, self.new_targets = parameters, motion, new_targets
+        self.parameters, self.new_targets = parameters, new_targets
         self.same_person = same_person
         self.first_tree: dict[int, int] = {}
         self._seen: dict[int, _LastDetection] = {}
@@ -110,13 +113,13 @@ class Reidentification:
 
     def _ratio(self, last: _LastDetection, tracks: Tracks, row: int, looks: Appearance) -> float:
         """log-likelihood ratio of the track in `row` being the lost one, against a new person."""
-        q, gap = self.parameters, self._time - last.time
-        F = np.hstack([np.eye(2), coasting_time(gap, self.motion) * np.eye(2), np.zeros((2, 1))])
-        S = F @ last.covariance @ F.T + tracks.covariance[row, :2, :2] + q.diffusion * gap * np.eye(2)
+        gap = self._time - last.time
+        F = np.hstack([np.eye(2), coasting_time(gap) * np.eye(2), np.zeros((2, 1))])
+        S = F @ last.covariance @ F.T + tracks.covariance[row, :2, :2] + DIFFUSION * gap * np.eye(2)
         r = tracks.state[row, :2] - F @ last.state
         density = -0.5 * (r @ np.linalg.solve(S, r) + np.log((2 * np.pi) ** 2 * np.linalg.det(S)))
         alike = self.same_person(last.appearance, looks.of(row))
-        return float(density + alike + self._stature_ratio(last, tracks, row) + np.log(q.return_rate / self.new_targets.arrival_rate))
+        return float(density + alike + self._stature_ratio(last, tracks, row) + np.log(RETURN_RATE / self.new_targets.arrival_rate))
 
     def _stature_ratio(self, last: _LastDetection, tracks: Tracks, row: int) -> float:
         """log-likelihood ratio of the measured stature of the track in `row` being that of the lost track, against that of a new person."""

@@ -16,10 +16,13 @@ from tracker.detections.ground_points import GroundDetections
 from tracker.detections.occlusion import Bodies, Viewpoint
 from tracker.geometry import Array, Ints, Mask
 from tracker.tracks.calibration_bias import RegistrationBias
-from tracker.tracks.detection_rates import COVER_BOUNDS, DetectionRates, StandingClutter
+from tracker.tracks.detection_rates import COVER_BOUNDS, WATCHED, DetectionRates, StandingClutter
 from tracker.tracks.parameters import MhtParameters
 from tracker.tracks.tracks import Tracks
 from tracker.types import Setup
+
+INITIAL_DENSITY = 2e-2
+"""People in the first tick, a square metre."""
 
 
 class TickOutcome(NamedTuple):
@@ -47,10 +50,10 @@ class SensorModel:
     def __init__(self, setup: Setup, parameters: MhtParameters) -> None:
         self.setup, self.parameters = setup, parameters
         area = setup.area
-        ground_area = float(np.prod(area[1] - area[0])) if area is not None else np.pi * parameters.detection_rates.watched**2
+        ground_area = float(np.prod(area[1] - area[0])) if area is not None else np.pi * WATCHED**2
         self.detection_rates = DetectionRates(parameters.detection_rates, ground_area)
         self.registration_bias = RegistrationBias(setup, parameters.registration_bias)
-        self.standing_clutter = StandingClutter(parameters.standing_clutter)
+        self.standing_clutter = StandingClutter()
 
     def detection(self, camera: str) -> float:
         """Detection rate of people in full view of `camera`."""
@@ -72,7 +75,7 @@ class SensorModel:
     def log_ratio(self, feet: GroundDetections) -> Array:
         """log (d,) of the rate of boxes of people over the density of false boxes, a square metre of ground."""
         ratio = self.detection_rates.log_ratio(feet.camera, feet.confidence)
-        if not self.parameters.standing_clutter.enabled:
+        if not self.parameters.standing_clutter:
             return ratio
         return ratio - np.log1p(self.standing_clutter.density(feet) / self.detection_rates.false_density(feet.camera))
 
@@ -109,14 +112,14 @@ class SensorModel:
 
     def _learn_rates(self, now: TickOutcome, v: int, false: Array) -> None:
         """Count the people in full view of view v, and its other boxes; false (d,): probability of each box to be false."""
-        feet, q, learned = now.views[v], self.parameters, self.detection_rates.parameters.learned
+        feet, learned = now.views[v], self.detection_rates.parameters.learned
         visible = now.confirmed & (now.expected[:, v] > 0.5) & (now.cover[:, v].max(axis=1, initial=0.0) < COVER_BOUNDS[0])
         place = feet.point[:, :2]
-        watched = np.linalg.norm(place - feet.origin[:2], axis=1) < q.detection_rates.watched
+        watched = np.linalg.norm(place - feet.origin[:2], axis=1) < WATCHED
         inside = watched if self.setup.area is None else self.setup.contains(place)
         low, high = self.setup.height
         # A box that may start nobody is often of a person whose feet are hidden, and no evidence of false boxes.
-        other = inside & may_initiate(feet, q.fusion) & (feet.height > low) & (feet.height < high)
+        other = inside & may_initiate(feet) & (feet.height > low) & (feet.height < high)
         # Learned confidences: no false box is counted outside the area, where tracks of false boxes would confirm themselves.
         known, mine = visible & (self.setup.contains(now.place) | (not learned)), now.box[:, v] >= 0
         found, others = now.box[known & mine, v], np.flatnonzero(other)
@@ -141,7 +144,7 @@ class SensorModel:
     def arrival_rate(self, elapsed: float, revisits: float) -> float:
         """New people a square metre at a tick `elapsed` s after the first, and so many revisits after the last."""
         q = self.parameters
-        return float(q.arrival_rate * revisits + q.initial_density * np.exp(-elapsed / 0.3))
+        return float(q.arrival_rate * revisits + INITIAL_DENSITY * np.exp(-elapsed / 0.3))
 
     def initiation_score(
         self, views: list[GroundDetections], cameras: list[Viewpoint], groups: list[CrossViewGroup], others: Tracks, rate: float

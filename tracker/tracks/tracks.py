@@ -15,6 +15,12 @@ from tracker.geometry import Array, Ints, Mask
 from tracker.types import Setup
 from tracker.types.ticks import ROUNDING
 
+STATURE_DRIFT = 0.005
+"""m/√s, random walk of the apparent stature."""
+
+FADE_AFTER, FADE_TIME = 0.4, 1.0
+"""s without a box after which the velocity of a coasting track decays, and the time constant of that decay: the hidden often stop or turn."""
+
 
 @dataclass(frozen=True)
 class MotionParameters:
@@ -24,9 +30,6 @@ class MotionParameters:
     start_speed: float = 1.0  # m/s, standard deviation of an unknown velocity, an axis
     foot_spread: float = 0.2  # m, standard deviation of the feet from the ground under the body
     v_max: float = 3.0  # m/s, a faster track is deleted: it consists of false boxes or of several people's
-    stature_drift: float = 0.005  # m/√s, random walk of the apparent stature
-    fade_after: float = 0.4  # s without a box after which the velocity of a coasting track decays
-    fade_time: float = 1.0  # s, time constant of that decay: people are often hidden because they stop or turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,16 +71,16 @@ def coasting_transition(gap: Array, dt: float, motion: MotionParameters) -> tupl
     """
     F, Q = np.eye(5), np.zeros((5, 5))
     F[:4, :4], Q[:4, :4] = transition(dt, motion)
-    Q[4, 4] = motion.stature_drift**2 * dt
-    fade = np.exp(-dt / motion.fade_time)
+    Q[4, 4] = STATURE_DRIFT**2 * dt
+    fade = np.exp(-dt / FADE_TIME)
     fading = np.diag([1.0, 1.0, fade, fade, 1.0])
-    fading[0, 2] = fading[1, 3] = coasting_time(dt, motion)
-    return np.where((gap > motion.fade_after)[:, None, None], fading, F), Q
+    fading[0, 2] = fading[1, 3] = coasting_time(dt)
+    return np.where((gap > FADE_AFTER)[:, None, None], fading, F), Q
 
 
-def coasting_time(gap: float, motion: MotionParameters) -> float:
+def coasting_time(gap: float) -> float:
     """Time, s, in which a constant velocity covers the distance that a decaying one covers in `gap` s."""
-    return motion.fade_time * (1 - float(np.exp(-gap / motion.fade_time)))
+    return FADE_TIME * (1 - float(np.exp(-gap / FADE_TIME)))
 
 
 class Places(NamedTuple):

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tracker.detections.cross_view import group_across_views
+from tracker.detections.cross_view import AMBIGUOUS_SIGMA, AMBIGUOUS_SIGMA_KNOWN, group_across_views
 from tracker.detections.ground_points import FusionParameters, GroundDetections, project_to_ground
 from tracker.geometry import Pose, bearing_from_angles
 from tracker.geometry.cameras import Panorama
@@ -116,7 +116,7 @@ def test_uncertain_boxes_initiate_tracks_where_the_world_is_known() -> None:
     far = seen([(0.0, 30.0), (0.0, 4.0)])
     sigma = np.sqrt(np.trace(far.spread[0]))
     assert far.ambiguous[0]
-    assert PARAMETERS.ambiguous_sigma < sigma < PARAMETERS.ambiguous_sigma_known
+    assert AMBIGUOUS_SIGMA < sigma < AMBIGUOUS_SIGMA_KNOWN
     assert initiating(far) == {1}
     assert initiating(replace(far, known=True)) == {0, 1}
     assert initiating(replace(far, known=True, spread=5 * far.spread)) == {1}

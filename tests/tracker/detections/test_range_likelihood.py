@@ -5,14 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tracker.detections.range_likelihood import MIN_SIGMA, BoxEdges, RangeLikelihood, RangeLikelihoodParameters, infer_ranges
+from tracker.detections import range_likelihood
+from tracker.detections.range_likelihood import MIN_SIGMA, BoxEdges, RangeLikelihood, Statures, infer_ranges
 from tracker.geometry import Array, bearing_from_angles
 from tracker.geometry.ground import Flat, Grid
 
-PARAMETERS = RangeLikelihoodParameters(foot_sigma=0.1, absent_share=0.1, top_sigma=0.0)
-"""Parameters for exact maps and people who stand."""
+STATURES = Statures(1.72, 0.12)
 NOISE = 0.003
 """rad, one sigma of an edge of a box."""
+
+
+@pytest.fixture(autouse=True)
+def _exact_maps_and_people_who_stand(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in {"FOOT_SIGMA": 0.1, "ABSENT_SHARE": 0.1, "TOP_SIGMA": 0.0}.items():
+        monkeypatch.setattr(range_likelihood, name, value)
 
 
 def grid(heights: Array) -> Grid:
@@ -47,7 +53,7 @@ def box(ground: Grid, tops: Grid, eye: Array, feet: Array, stature: float) -> tu
 
 def ranges_of(ground: Grid | Flat, tops: Grid | Flat, eye: Array, azimuth: Array, edges: tuple[Array, Array], lying: float = 0.0) -> RangeLikelihood:
     n = len(azimuth)
-    return infer_ranges((ground, tops), eye, BoxEdges(azimuth, np.zeros(n), *edges, np.full(n, NOISE**2), np.full(n, lying)), 0.0, PARAMETERS)
+    return infer_ranges((ground, tops), eye, BoxEdges(azimuth, np.zeros(n), *edges, np.full(n, NOISE**2), np.full(n, lying)), 0.0, STATURES)
 
 
 def test_distances_and_their_errors_are_consistent_on_rough_ground_and_behind_walls() -> None:
@@ -65,7 +71,7 @@ def test_distances_and_their_errors_are_consistent_on_rough_ground_and_behind_wa
             x, y = rng.uniform(-15, 15, 2)
             feet = np.array([x, y, float(ground.height_at(np.array([[x, y]]))[0])])
             away = float(np.hypot(x, y))
-            edges = box(ground, tops, eye, feet, float(rng.normal(PARAMETERS.stature, PARAMETERS.stature_sigma)))
+            edges = box(ground, tops, eye, feet, float(rng.normal(*STATURES)))
             if away < 2 or edges is None or float(tops.height_at(feet[None])[0]) > feet[2] + 0.01:
                 continue
             count += 1
@@ -95,7 +101,7 @@ def test_probabilities_of_hidden_feet_are_calibrated() -> None:
     for _ in range(3000):
         away = rng.uniform(2.0, 18.0)
         feet = np.array([away, 0.0, float(ground.height_at(np.array([[away, 0.0]]))[0])])
-        edges = box(ground, ground, eye, feet, float(rng.normal(PARAMETERS.stature, PARAMETERS.stature_sigma)))
+        edges = box(ground, ground, eye, feet, float(rng.normal(*STATURES)))
         if edges is not None:
             low, high = np.array(edges) + rng.normal(0, NOISE, 2)
             predicted.append(ranges_of(ground, ground, eye, np.zeros(1), (np.array([low]), np.array([high]))).feet_hidden[0])
@@ -118,9 +124,11 @@ def test_on_a_plane_the_distance_is_where_the_lower_edge_meets_the_ground() -> N
     assert not ranges_of(Flat(), Flat(), np.array([0.0, 0.0, 1.5]), np.zeros(1), (np.array([0.2]), np.array([0.3]))).possible[0]
 
 
-def test_standard_deviations_are_at_least_a_millimetre() -> None:
+def test_standard_deviations_are_at_least_a_millimetre(monkeypatch: pytest.MonkeyPatch) -> None:
     """The edges leave a single grid point."""
-    away, sharp = 8.0, RangeLikelihoodParameters(foot_sigma=0.0, head_sigma=1e-3, outlier_share=0.0, stature_sigma=1e-3)
+    away, sharp = 8.0, Statures(1.72, 1e-3)
+    for name, value in {"FOOT_SIGMA": 0.0, "HEAD_SIGMA": 1e-3, "OUTLIER_SHARE": 0.0}.items():
+        monkeypatch.setattr(range_likelihood, name, value)
     edges = BoxEdges(np.zeros(1), np.zeros(1), np.arctan([-1.5 / away]), np.arctan([0.22 / away]), np.full(1, 1e-4**2), np.zeros(1))
     assert infer_ranges((Flat(), Flat()), np.array([0.0, 0.0, 1.5]), edges, 0.0, sharp).sigma[0] >= MIN_SIGMA
 

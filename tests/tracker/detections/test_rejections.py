@@ -57,7 +57,7 @@ def feet(rows: list[tuple[float, float, float, float]]) -> GroundDetections:
 
 
 def test_each_box_is_counted_by_the_first_gate_that_stops_it() -> None:
-    counts = count_rejections([feet(list(ROWS.values()))], SETUP, PARAMETERS)
+    counts = count_rejections([feet(list(ROWS.values()))], SETUP)
     assert counts == {BOXES: len(ROWS)} | dict.fromkeys(ROWS, 1)
 
 
@@ -66,7 +66,7 @@ def test_boxes_that_no_gate_stops_are_those_that_the_tracker_groups() -> None:
     rng = np.random.default_rng(0)
     rows = [(rng.uniform(-3, 3), rng.uniform(1, 80), rng.uniform(1.2, 2.5), rng.uniform(0, 1)) for _ in range(200)]
     view, setup = feet(rows), replace(SETUP, area=None)
-    counts = count_rejections([view], setup, PARAMETERS)
+    counts = count_rejections([view], setup)
     groups = group_across_views([view], [np.ones(len(view), dtype=bool)], setup.height, PARAMETERS)
     assert counts[USABLE] == len(groups) > 5
     assert counts[BOXES] == 200 == sum(counts.values()) - counts[BOXES]

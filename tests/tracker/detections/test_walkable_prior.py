@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 
 from tracker.datasets import synthetic_crowd
-from tracker.detections.walkable_prior import WalkabilityParameters, WalkablePrior
+from tracker.detections.walkable_prior import FLOOR, WalkablePrior
 from tracker.geometry import Array
 from tracker.geometry.ground import Flat, Grid
 from tracker.pipeline import Parameters, Tracker
-
-Q = WalkabilityParameters()
 
 
 def grid(heights: Array) -> Grid:
@@ -29,14 +27,14 @@ def walled() -> tuple[Grid, Grid]:
 
 
 def prior_of(ground: Grid, tops: Grid) -> WalkablePrior:
-    found = WalkablePrior.of(ground, tops, Q)
+    found = WalkablePrior.of(ground, tops)
     assert found is not None
     return found
 
 
 def test_the_prior_is_low_in_a_wall_and_beyond_the_grid_alone() -> None:
     likely = prior_of(*walled()).at(np.array([[2.5, 0.0], [0.0, 11.0], [0.0, 0.0], [4.0, 0.0]]))
-    np.testing.assert_allclose(likely, [Q.floor, Q.floor, 1.0, 1.0], atol=1e-3)
+    np.testing.assert_allclose(likely, [FLOOR, FLOOR, 1.0, 1.0], atol=1e-3)
 
 
 @pytest.mark.parametrize(("slope", "free"), [(0.0, True), (0.3, True), (0.8, False)])
@@ -46,7 +44,7 @@ def test_the_prior_is_low_on_a_steep_bank(slope: float, free: bool) -> None:
     likely = prior_of(bank, bank).at(np.array([[0.0, 0.0], [6.0, 0.0]]))
     assert likely[0] > 0.99
     assert (likely[1] > 0.95) == free
-    assert free or likely[1] < 2 * Q.floor
+    assert free or likely[1] < 2 * FLOOR
 
 
 def test_the_prior_is_high_above_and_below_a_step() -> None:
@@ -57,8 +55,8 @@ def test_the_prior_is_high_above_and_below_a_step() -> None:
 
 
 def test_an_unknown_world_has_no_prior() -> None:
-    assert WalkablePrior.of(Flat(), None, Q) is None
-    assert WalkablePrior.of(Flat(), Flat(), Q) is None
+    assert WalkablePrior.of(Flat(), None) is None
+    assert WalkablePrior.of(Flat(), Flat()) is None
 
 
 def test_posteriors_beside_a_wall_match_samples() -> None:

@@ -45,7 +45,7 @@ def after_ticks(model: AppearanceModel, rng: np.random.Generator, ticks: int = 2
 
 
 def test_the_same_appearance_has_a_positive_log_ratio_and_another_a_negative_one() -> None:
-    rng, model = np.random.default_rng(0), AppearanceModel(0.7, 0.1, ["a", "b"])
+    rng, model = np.random.default_rng(0), AppearanceModel(["a", "b"])
     people = after_ticks(model, rng)
     ratio = model.log_ratio(people, [boxes("a", [appearance(1, rng), appearance(0, rng), appearance(3, rng)])])
     assert ratio.shape == (2, 3)
@@ -55,7 +55,7 @@ def test_the_same_appearance_has_a_positive_log_ratio_and_another_a_negative_one
 
 
 def test_the_appearance_in_one_camera_is_not_compared_in_another() -> None:
-    rng, model = np.random.default_rng(1), AppearanceModel(0.7, 0.1, ["a", "b"])
+    rng, model = np.random.default_rng(1), AppearanceModel(["a", "b"])
     people = after_ticks(model, rng)
     ratio = model.log_ratio(people, [seen([(0.0, 6.0)]), boxes("b", [appearance(0, rng)])])
     assert ratio.shape == (2, 2)
@@ -63,13 +63,13 @@ def test_the_appearance_in_one_camera_is_not_compared_in_another() -> None:
 
 
 def test_without_images_leaves_have_no_appearance() -> None:
-    model, people = AppearanceModel(0.7, 0.1, ["a", "b"]), leaves(2, cameras=0)
+    model, people = AppearanceModel(["a", "b"]), leaves(2, cameras=0)
     assert model.with_appearance(people, [seen([(0.0, 6.0)])], np.array([[0], [-1]]), np.ones(2, dtype=bool)) is people
     assert not model.log_ratio(people, [seen([(0.0, 6.0)])]).any()
 
 
 def test_boxes_of_unknown_appearance_change_nothing() -> None:
-    rng, model = np.random.default_rng(2), AppearanceModel(0.7, 0.1, ["a", "b"])
+    rng, model = np.random.default_rng(2), AppearanceModel(["a", "b"])
     people = after_ticks(model, rng)
     after = model.with_appearance(people, [boxes("a", [np.full(SIZE, np.nan)] * 2)], np.array([[0], [1]]), np.ones(2, dtype=bool))
     np.testing.assert_array_equal(after.appearance, people.appearance)
@@ -77,7 +77,7 @@ def test_boxes_of_unknown_appearance_change_nothing() -> None:
 
 
 def test_the_appearance_of_a_track_is_updated() -> None:
-    rng, model = np.random.default_rng(3), AppearanceModel(0.7, 0.1, ["a"])
+    rng, model = np.random.default_rng(3), AppearanceModel(["a"])
     people = leaves(1, cameras=1)
     for person in [0] * 10 + [5] * 60:
         people = model.with_appearance(people, [boxes("a", [appearance(person, rng)])], np.array([[0]]), np.ones(1, dtype=bool))
@@ -87,7 +87,7 @@ def test_the_appearance_of_a_track_is_updated() -> None:
 
 def test_where_the_appearance_of_people_varies_a_difference_counts_less() -> None:
     rng = np.random.default_rng(4)
-    steady, variable = AppearanceModel(0.7, 0.1, ["a", "b"]), AppearanceModel(0.7, 0.1, ["a", "b"])
+    steady, variable = AppearanceModel(["a", "b"]), AppearanceModel(["a", "b"])
     people = after_ticks(steady, rng)
     for _ in range(100):
         view = boxes("a", [appearance(0, rng, 0.12), appearance(1, rng, 0.12)])

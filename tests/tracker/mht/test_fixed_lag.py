@@ -11,7 +11,7 @@ import pytest
 from tracker.detections.cross_view import CrossViewGroup
 from tracker.mht.tick_memory import Step
 from tracker.mht.track_trees import MhtFixedLagSmoother, TrackHypotheses, initiated, predict
-from tracker.tracks.tracks import MotionParameters, coasting_transition, transition
+from tracker.tracks.tracks import FADE_TIME, MotionParameters, coasting_transition, transition
 
 MOTION = MotionParameters(acceleration=0.8, start_speed=1.0)
 PERIOD = 0.2
@@ -167,8 +167,8 @@ def test_a_coasting_track_comes_to_a_halt() -> None:
         walkers = predict(replace(walkers, misses=np.array([0.0, k])), step(2), MOTION)
     seen, unseen = walkers.state
     np.testing.assert_allclose(seen[0], 40 * PERIOD * 1.2)
-    # Constant velocity until `fade_after`, and then the distance that a velocity of time constant `fade_time` covers.
-    np.testing.assert_allclose(unseen[0], (3 * PERIOD + MOTION.fade_time) * 1.2, atol=0.01)
+    # Constant velocity until FADE_AFTER, and then the distance that a velocity of time constant FADE_TIME covers.
+    np.testing.assert_allclose(unseen[0], (3 * PERIOD + FADE_TIME) * 1.2, atol=0.01)
     assert np.linalg.norm(unseen[2:4]) < 0.01
     assert unseen[4] == seen[4] == 1.7
 

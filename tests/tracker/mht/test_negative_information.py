@@ -21,7 +21,7 @@ from tracker.tracks.sensor_model import SensorModel
 from tracker.tracks.tracks import MotionParameters
 from tracker.types import Setup
 
-PARAMETERS = MhtParameters(fusion=FusionParameters(reach=60.0), sampling_sigma=0.3)
+PARAMETERS = MhtParameters(fusion=FusionParameters(reach=60.0))
 DETECTION = np.array([0.9])
 
 

@@ -7,10 +7,11 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from tests.tracker.detections.test_range_likelihood import NOISE, PARAMETERS, box, grid
+from tests.tracker.detections.test_range_likelihood import NOISE, STATURES, box, grid
 from tracker.detections.cross_view import CrossViewGroup
 from tracker.detections.ground_points import FusionParameters, GroundDetections, project_to_ground
 from tracker.detections.occlusion import Bodies
+from tracker.detections.range_likelihood import FOOT_SIGMA, OUTLIER_SHARE, STATURE_RANGE
 from tracker.geometry import Array, Pose, bearing_from_angles
 from tracker.geometry.cameras import Panorama
 from tracker.geometry.ground import Flat, Grid
@@ -59,7 +60,7 @@ class State(NamedTuple):
     P: Array
 
 
-def leaf(x: float, y: float, stature: float = PARAMETERS.stature, sigma: float = PARAMETERS.stature_sigma) -> State:
+def leaf(x: float, y: float, stature: float = STATURES.mean, sigma: float = STATURES.sigma) -> State:
     P = np.diag([0.4, 0.3, 1.0, 1.0, sigma**2])
     P[0, 1] = P[1, 0] = 0.1
     P[0, 2] = P[2, 0] = 0.2
@@ -87,7 +88,7 @@ def ambiguous_boxes(rng: np.random.Generator, count: int) -> list[GroundDetectio
     """Boxes of people whose legs a wall hides."""
     out: list[GroundDetections] = []
     while len(out) < count:
-        feet = behind_a_wall(rng, rng.uniform(6.0, 11.0), rng.normal(PARAMETERS.stature, PARAMETERS.stature_sigma))
+        feet = behind_a_wall(rng, rng.uniform(6.0, 11.0), rng.normal(*STATURES))
         if feet is not None and feet.ambiguous[0]:
             out.append(feet)
     return out
@@ -96,7 +97,7 @@ def ambiguous_boxes(rng: np.random.Generator, count: int) -> list[GroundDetectio
 def near(rng: np.random.Generator, feet: GroundDetections) -> State:
     """A leaf near the place of box 0."""
     x, y = feet.point[0, :2] + rng.normal(0, 0.5, 2)
-    return leaf(x, y, rng.normal(PARAMETERS.stature, 0.05), rng.uniform(0.03, 0.12))
+    return leaf(x, y, rng.normal(STATURES.mean, 0.05), rng.uniform(0.03, 0.12))
 
 
 def across(state: State, feet: GroundDetections) -> tuple[float, float, State]:
@@ -115,7 +116,7 @@ def test_the_compiled_update_is_the_integral_over_place_and_stature() -> None:
     for feet in ambiguous_boxes(rng, 6):
         before, ranges = near(rng, feet), feet.ranges
         assert ranges is not None
-        q = ranges.parameters
+        usual = ranges.statures
         u = feet.direction[0, :2] / np.hypot(*feet.direction[0, :2])
         A = np.zeros((3, 5))
         A[0, :2], A[1, :2], A[2, 4] = u, (-u[1], u[0]), 1.0
@@ -128,8 +129,8 @@ def test_the_compiled_update_is_the_integral_over_place_and_stature() -> None:
         columns = (np.interp(axes[0], ranges.distance, c[0], left=0.0, right=0.0) for c in (ranges.edge, ranges.height, ranges.error))
         edge, height, error = (c[:, None, None] for c in columns)
         error = np.maximum(error, 1e-6)
-        inlier = np.exp(-0.5 * ((height - points[..., 2]) / error) ** 2) / error * q.stature_sigma
-        stature = (1 - q.outlier_share) * inlier + q.outlier_share * ((height > q.stature_range[0]) & (height < q.stature_range[1]))
+        inlier = np.exp(-0.5 * ((height - points[..., 2]) / error) ** 2) / error * usual.sigma
+        stature = (1 - OUTLIER_SHARE) * inlier + OUTLIER_SHARE * ((height > STATURE_RANGE[0]) & (height < STATURE_RANGE[1]))
         away = u @ (before.x[:2] - feet.origin[:2])
         R = feet.covariance[0, 0, 0] * away**2 + SPREAD**2
         weight = prior * np.exp(-0.5 * points[..., 1] ** 2 / R) / np.sqrt(2 * np.pi * R) * edge * stature * cell
@@ -152,7 +153,7 @@ def test_an_ambiguous_box_with_one_mode_updates_a_leaf_like_a_kalman_filter() ->
     child = ChildHypotheses(*empty_children(1, 1))
     child.state[:], child.covariance[:] = start.x, start.P
     # Along the line of sight the range likelihood has its own deviation of the feet.
-    limits = LIMITS._replace(foot_spread=FusionParameters().ranges.foot_sigma)
+    limits = LIMITS._replace(foot_spread=FOOT_SIGMA)
     update_child(0, 0, 0, 0, parents, table, limits, child)
     after = updated(start, feet, limits)
     np.testing.assert_allclose(after.x[:2], child.state[0, :2], atol=0.05)
@@ -181,7 +182,7 @@ def test_leaves_outside_the_gate_have_no_density() -> None:
 
 def root(feet: GroundDetections) -> TrackHypotheses:
     """A root from the ambiguous box 0 alone, of nearly known velocity."""
-    people, group = (PARAMETERS.stature, PARAMETERS.stature_sigma), CrossViewGroup(((0, 0),), feet.point[0, :2], feet.spread[0])
+    people, group = STATURES, CrossViewGroup(((0, 0),), feet.point[0, :2], feet.spread[0])
     new = initiated(1, [group], MotionParameters(start_speed=0.01), people, (1, 0, 0))
     nobody, none = np.arange(0), np.zeros((1, 1))
     bodies = Bodies(new.state[:, :2], new.tree, nobody, setup_of(grid(LEVEL), 1.5), lambda camera, cover: np.ones(len(cover)))
@@ -197,9 +198,9 @@ def test_many_boxes_of_one_person_stay_consistent_in_distance_and_stature() -> N
     """
     rng, nees, distance, once = np.random.default_rng(7), [], [], []
     while len(nees) < 150:
-        away, stature = rng.uniform(6.0, 11.0), rng.normal(PARAMETERS.stature, PARAMETERS.stature_sigma)
+        away, stature = rng.uniform(6.0, 11.0), rng.normal(*STATURES)
         seen = [feet for _ in range(12) if (feet := behind_a_wall(rng, away, stature)) is not None and feet.ambiguous[0]]
-        if len(seen) < 12 or not PARAMETERS.stature_range[0] < stature < PARAMETERS.stature_range[1]:
+        if len(seen) < 12 or not STATURE_RANGE[0] < stature < STATURE_RANGE[1]:
             continue
         first = root(seen[0])
         walker = State(first.state[0], first.covariance[0])

@@ -112,7 +112,7 @@ def test_a_person_who_leaves_all_views_is_reported_up_to_the_last_box(data: Call
 
 
 @pytest.mark.parametrize("known", [True, False])
-def test_a_person_behind_a_known_post_is_not_a_missed_detection(known: bool) -> None:
+def test_a_person_behind_a_known_post_is_not_a_missed_detection(known: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Three seconds without a box delete a track that the view should have detected."""
     setup = synthetic_crowd.setup(1)
     post = np.array([[-3.0, -2.5, 0.45, 0.0, 2.5]])
@@ -124,8 +124,8 @@ def test_a_person_behind_a_known_post_is_not_a_missed_detection(known: bool) -> 
     hidden = np.abs(steps) < 0.6
     ticks = synthetic_crowd.ticks(setup, walked, rng, misses=0.0, clutter=0.0, lose=lambda frame, camera, person: bool(hidden[frame]))
     # However uncertain their place becomes.
-    parameters = Parameters(targets=MhtParameters(report_sigma=10.0))
-    reported = np.array([len(e.target_id) for e in track(setup, ticks, parameters)])
+    monkeypatch.setattr("tracker.mht.tracker.REPORT_SIGMA", 10.0)
+    reported = np.array([len(e.target_id) for e in track(setup, ticks)])
     assert reported[~hidden][8:20].all()
     assert reported[hidden][:20].all() == known
 

@@ -12,7 +12,7 @@ from tracker.geometry import Array, tangent_basis
 from tracker.metrics.clear_mot import score
 from tracker.metrics.matching import MatchingFrame
 from tracker.pipeline import Parameters, track
-from tracker.tracks.measurement_noise import MeasurementNoise, MeasurementNoiseParameters
+from tracker.tracks.measurement_noise import MAX_RATIO, MeasurementNoise, MeasurementNoiseParameters
 from tracker.tracks.parameters import MhtParameters
 from tracker.types import Setup, Tick
 
@@ -43,7 +43,7 @@ def test_the_excess_factor_scales_the_estimate() -> None:
 
 def test_ratios_stay_within_bounds() -> None:
     np.testing.assert_array_equal(taught((0.2, 0.2)), 1.0)
-    np.testing.assert_array_equal(taught((50.0, 50.0)), MeasurementNoiseParameters().max_ratio)
+    np.testing.assert_array_equal(taught((50.0, 50.0)), MAX_RATIO)
 
 
 def test_missing_innovations_change_nothing() -> None:

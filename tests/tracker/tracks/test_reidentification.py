@@ -7,7 +7,7 @@ import pytest
 
 from tracker.geometry import Ints
 from tracker.tracks.reidentification import Appearance, NewTargetModel, Reidentification, ReidentificationParameters
-from tracker.tracks.tracks import MotionParameters, Tracks
+from tracker.tracks.tracks import Tracks
 
 PERIOD = 1 / 6
 Person = tuple[int, float, float, float, float, int]
@@ -33,7 +33,7 @@ def looks(count: int, axis: int = 0) -> Appearance:
 
 
 def nobody_lost() -> Reidentification:
-    return Reidentification(ReidentificationParameters(), MotionParameters(), NewTargetModel(2e-4, 1.72, 0.12), compared)
+    return Reidentification(ReidentificationParameters(), NewTargetModel(2e-4, 1.72, 0.12), compared)
 
 
 def after(gap: int, back: list[Person], start: tuple[Person, ...], left: set[int] | None = None, axis: int = 0) -> Reidentification:

@@ -13,7 +13,7 @@ from tracker.metrics.evaluation import evaluate
 from tracker.pipeline import Parameters, track
 from tracker.recordings import Recording, RecordingCamera
 from tracker.sequence.results import Results
-from tracker.tracks.detection_rates import StandingClutter, StandingClutterParameters
+from tracker.tracks.detection_rates import StandingClutter
 from tracker.tracks.parameters import MhtParameters
 
 COAT_STAND = np.array([1.0, 1.0, 0.0])
@@ -38,7 +38,7 @@ def hall(frames: int, share: float) -> Recording:
 
 def false_positives(recording: Recording, enabled: bool) -> float:
     sequence = recording.sequence()
-    targets = MhtParameters(standing_clutter=StandingClutterParameters(enabled=enabled))
+    targets = MhtParameters(standing_clutter=enabled)
     scores = evaluate(sequence, Results.of(track(sequence.setup, sequence.ticks, Parameters(targets=targets)), {}))["targets"]
     assert scores["misses"] < 20
     return float(scores["false_positives"])
@@ -56,7 +56,7 @@ def test_two_views_contradict_a_third() -> None:
 
 
 def test_counts_grow_where_boxes_stay_and_fade_elsewhere() -> None:
-    clutter = StandingClutter(StandingClutterParameters())
+    clutter = StandingClutter()
     boxes = seen([(0.0, 6.0), (2.0, 6.0)])
     assert not clutter.density(boxes).any()
     for _ in range(20):
