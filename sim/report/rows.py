@@ -10,16 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from sim.confidence_intervals import Interval, bounds_of, mean_interval
-from tracker.io.json_files import JsonObject, parse_json
-from tracker.io.text_files import read_text
+from sim.stress.result_rows import RESULTS, read_result_rows
+from tracker.io.json_files import JsonObject
 
-SCHEMA = 1
-ROWS = "results.jsonl"
-LARGEST = 1 << 28
-"""Bytes."""
-SCORES = (
-    "mota", "mota_all", "idf1", "hota", "motp_m", "false_positives", "misses", "switches", "truths", "ate_m", "dead_reckoning_m",
-)  # fmt: skip
 KINDS = ("misses", "false positives", "switches")
 STAGES = ("poses", "detections", "association", "terrain")
 
@@ -28,7 +21,7 @@ STAGES = ("poses", "detections", "association", "terrain")
 class Row:
     """One run of one setting, seed and tracker. The setting `id` is the `sweep` with its `parameter` at `value`.
 
-    error: the error of a failed run in one line, or None. scores: name of SCORES → number; limits: name → bound; unknown ones are missing.
+    error: the error of a failed run in one line, or None. scores: name → number; limits: name → bound; unknown ones are missing.
     causes: kind of error → cause → count. ablation: measure ("mota", "metres") → stage → what perfect input to it would recover, or empty; the
     file calls it ladder. moments: the worst moments. where: file and line.
     """
@@ -151,17 +144,17 @@ def read_rows(folder: Path) -> Rows:
 
     Raises ValueError naming file and line where the folder holds no rows, rows of another version, or damaged rows.
     """
-    path = folder / ROWS
+    path = folder / RESULTS
     if not folder.is_dir():
         raise ValueError(f"{folder}: no such folder")
     if not path.is_file():
         raise ValueError(f"{path}: no such file; `pilsim stress --out {folder}` writes it")
-    *lines, last = read_text(path, LARGEST).split("\n")
-    rows = tuple(_row(line, f"{path}:{k}") for k, line in enumerate(lines, 1) if line.strip())
-    if not rows:
-        raise ValueError(f"{path}: holds no {'whole ' if last else ''}row")
+    read, torn = read_result_rows(path)
+    if not read:
+        raise ValueError(f"{path}: holds no {'whole ' if torn else ''}row")
+    rows = tuple(_row(row) for row in read)
     _check_unique(rows)
-    return Rows(folder, rows, bool(last.strip()))
+    return Rows(folder, rows, torn)
 
 
 def read_beside(folders: Sequence[Path]) -> Rows:
@@ -193,12 +186,8 @@ def _check_unique(rows: Iterable[Row]) -> None:
         seen[key] = row.where
 
 
-def _row(line: str, where: str) -> Row:
-    row = JsonObject(parse_json(line, where), where)
-    row.check_schema(SCHEMA)
-    tracker = row.a("tracker", dict)
-    if not isinstance(tracker.get("name"), str):
-        raise ValueError(f"{where}: tracker has no name")
+def _row(row: JsonObject) -> Row:
+    where, tracker = row.where, row.values["tracker"]
     moments = row.maybe("moments", list) or []
     if not all(isinstance(m, dict) for m in moments):
         raise ValueError(f"{where}: moments needs objects")

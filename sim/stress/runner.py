@@ -15,15 +15,16 @@ from typing import Any
 
 from sim.parallel.pool import Pool, processes
 from sim.recording.record import versions
-from sim.stress.trial import SCHEMA, Trial, empty_row, row_of
+from sim.stress.result_rows import RESULTS, SCHEMA, read_result_rows
+from sim.stress.trial import Trial, empty_row, row_of
 from tracker.io.atomic import write_text
 from tracker.io.file_lock import folder_lock
-from tracker.io.json_files import json_text, parse_json
+from tracker.io.json_files import json_text
 from tracker.io.resume import check_same, holds_run
-from tracker.io.text_files import shown
 
-RESULTS, RUN = "results.jsonl", "run.json"
+RUN = "run.json"
 Key = tuple[str, int, str]
+
 
 @dataclass(frozen=True)
 class Workers:
@@ -173,35 +174,10 @@ def _locked(folder: Path) -> Iterator[None]:
 
 
 def _read_rows(folder: Path) -> list[dict[str, Any]]:
-    """The rows of a folder. A last line that is cut off is left out. Raises ValueError for any other line that is no row."""
-    path = folder / RESULTS
+    """The rows of a folder. A last line that is cut off is left out. Raises ValueError as read_result_rows."""
     if not holds_run(folder, RESULTS, (RUN, "moments")):
         return []
-    lines = path.read_bytes().split(b"\n")
-    out = []
-    for number, line in enumerate(lines, 1):
-        if not line.strip():
-            continue
-        try:
-            row = parse_json(line.decode("utf-8-sig"), f"{path}:{number}")
-        except ValueError as error:
-            if number == len(lines):
-                continue
-            raise ValueError(f"{path}:{number}: not JSON in UTF-8") from None if isinstance(error, UnicodeDecodeError) else error
-        if not isinstance(row, dict) or row.get("schema") != SCHEMA:
-            found = row.get("schema") if isinstance(row, dict) else None
-            raise ValueError(f"{path}:{number}: schema is {shown(str(found))[1:-1]}, this version reads {SCHEMA}")
-        if not _is_row(row):
-            raise ValueError(f"{path}:{number}: id, seed, tracker, error or ladder is missing or of the wrong kind")
-        out.append(row)
-    return out
-
-
-def _is_row(row: dict[str, Any]) -> bool:
-    """Whether a row has what this module reads of it."""
-    tracker = row.get("tracker")
-    named = isinstance(tracker, dict) and isinstance(tracker.get("name"), str)
-    return named and isinstance(row.get("id"), str) and type(row.get("seed")) is int and {"error", "ladder"} <= set(row)
+    return [{"error": None, "ladder": None} | row.values for row in read_result_rows(folder / RESULTS)[0]]
 
 
 def _write_rows(folder: Path, rows: list[dict[str, Any]]) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 
 from sim.recording.record import versions
 from sim.stress import ablation, bounds, error_causes, worst_moments
+from sim.stress.result_rows import SCHEMA
 from sim.stress.sweeps import RECORDED, Case
 from sim.stress.tracker_under_test import TrackerUnderTest
 from sim.stress.trial_data import TrialData, simulate_case
@@ -22,7 +23,6 @@ from tracker.person_detector.network import PersonNetwork
 from tracker.sequence.results import Results
 from tracker.types import Sequence
 
-SCHEMA = 1
 ROBOTS = ("ate_aligned_m", "rpe_m", "rpe_between_m", "nees_per_dof")
 TARGETS = ("mota", "idf1", "hota", "motp_m", "false_positives", "misses", "switches", "truths")
 
