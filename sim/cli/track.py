@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class SourceChoice:
-    """What of a source is read."""
+class SourcePart:
+    """Cameras and frames of a source, and its detections."""
 
     cameras: Annotated[str, unset("NAME,...", "all")] = ""
     """Cameras to use, as C1,C3. The number at the end of a name is enough: 1,5 are View_001 and View_005."""
@@ -28,6 +28,12 @@ class SourceChoice:
         Annotated[tuple[str, ...], arg(metavar="NAME=FILE", help_behavior_hint="(default: those of the source; repeatable)")]
     ] = ()
     """Other detections (MOT15) for a camera; repeat it for several cameras. A folder with NAME.txt replaces all of them."""
+
+
+@dataclass(frozen=True)
+class SourceChoice(SourcePart):
+    """What of a source is read."""
+
     project: Annotated[str | None, unset("misses=P,edges=S", "boxes are read")] = None
     """Boxes of upright bodies (1.75 x 0.5 m) at the true places of all cameras, with this share missing and edges off by this share of the box."""
     degrade: Annotated[str, unset("drop=P,clutter=N,noise=PX", "as they are")] = ""

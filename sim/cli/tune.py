@@ -6,25 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from tyro.conf import OmitArgPrefixes, Positional, UseAppendAction, arg
+from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from sim.cli.options import Out, json_text, unset
+from sim.cli.track import SourcePart
 
 if TYPE_CHECKING:
     from sim.tuning.search import SearchPlan
     from sim.tuning.tuned import TunedResult
-
-
-@dataclass(frozen=True)
-class TunedPart:
-    """What of SOURCE is read."""
-
-    cameras: Annotated[str, unset("NAME,...", "all")] = ""
-    """Cameras to use, as C1,C3."""
-    frames: Annotated[str, unset("A:B", "all")] = ""
-    """Frames to which detectors are fitted, counted from 0."""
-    detections: UseAppendAction[Annotated[tuple[str, ...], unset("NAME=FILE", "those of SOURCE; repeatable")]] = ()
-    """Other detections (MOT15) for a camera, or a folder with NAME.txt for all."""
 
 
 @dataclass(frozen=True)
@@ -79,8 +68,8 @@ class Tune:
     """Address of a Dask scheduler, as tcp://10.0.0.1:8786, in place of this machine; its workers must see the folders under the same paths."""
     json: bool = False
     """Print JSON alone."""
-    part: Annotated[OmitArgPrefixes[TunedPart], arg(name="source")] = TunedPart()
-    """These options choose what of SOURCE is read."""
+    part: Annotated[OmitArgPrefixes[SourcePart], arg(name="source")] = SourcePart()
+    """These options choose what of SOURCE is read; detectors are fitted to these frames."""
 
     def run(self) -> None:
         from sim.parallel.pool import Pool
@@ -112,7 +101,7 @@ class Tune:
             raise ValueError(f"--time is {self.time}, needs minutes, more than 0")
         if self.tracker and self.space is None:
             raise ValueError("--tracker needs --space, a file of its parameters with their ranges")
-        if self.source is None and (self.people is not None or self.part != TunedPart()):
+        if self.source is None and (self.people is not None or self.part != SourcePart()):
             raise ValueError("--people and options of a source need SOURCE")
         path = self.space or OWN_SPACE
         space = read_space(path)
@@ -127,9 +116,7 @@ class Tune:
         source = CaseSource((self.cases or self.out / "cases").resolve(), self.seed, user)
         trials = 100 if self.trials is None and self.time is None else self.trials
         seconds = None if self.time is None else 60 * self.time
-        return SearchPlan(
-            self.out, self.tracker, space, defaults, source, self.population, self.objective, self.sampler, self.seed, trials, seconds
-        )
+        return SearchPlan(self.out, self.tracker, space, defaults, source, self.population, self.objective, self.sampler, self.seed, trials, seconds)
 
 
 def _lines(plan: SearchPlan, found: TunedResult) -> list[str]:

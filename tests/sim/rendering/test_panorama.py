@@ -21,7 +21,7 @@ from tests.sim.rays import bearings, cast, compare
 from tests.sim.rendering.test_cubemap import FOLDED
 from tests.sim.scenes import Scene, court
 from tracker.geometry import Pose
-from tracker.geometry.cameras import Panorama, Tsai
+from tracker.geometry.cameras import Panorama
 
 pytestmark = pytest.mark.render
 CAMERA = Panorama(1024, 512)
@@ -69,30 +69,6 @@ def test_instances_and_range_are_those_of_exact_rays(scene: Scene, shots: list[R
     assert found.share > 0.5
     assert found.median < 0.0001
     assert found.percentile < 0.01
-
-
-TSAI = Tsai(768, 576, 5.5549183034, 5.1113043639e-03, 324.22149053, 282.56650051, 1.0937855397, 0.00576, 0.00576)
-
-
-def test_several_cameras_of_different_kinds_share_a_renderer(scene: Scene) -> None:
-    # Towards the middle of the court.
-    small, pose = Panorama(512, 256), Pose.planar(-6.0, -1.0, 0.3, 1.4)
-    with PanoramaRenderer(scene.model, [small, TSAI], scene.instances) as renderer:
-        around, ahead, again = renderer.render(scene.data, [pose] * 3, which=[0, 1, 0])
-        bodies = renderer.unoccluded(scene.data, [pose], PEOPLE, which=[1])[0]
-        for wrong in ([0], [0, 2], [0, -1]):
-            with pytest.raises(ValueError, match="needs 2 numbers of cameras, 0 to 1"):
-                renderer.render(scene.data, [pose] * 2, which=wrong)
-    assert digest(around) == digest(again)
-    for camera, shot in ((small, around), (TSAI, ahead)):
-        assert shot.instances.shape == (camera.height, camera.width)
-        found = compare(shot, scene.instances, *cast(scene.model, scene.data, camera, pose))
-        assert found.everywhere > 0.99
-        assert found.inside > 0.9999
-        assert found.percentile < 0.01
-    visible = np.bincount(ahead.instances.ravel(), minlength=6)
-    assert visible[1:].any()
-    assert all(visible[k] <= body.pixels for k, body in zip(PEOPLE, bodies, strict=True))
 
 
 def test_past_the_fold_of_a_lens_the_picture_is_black(scene: Scene) -> None:
@@ -246,7 +222,10 @@ def test_the_model_is_not_changed(scene: Scene) -> None:
     assert before == (quality.shadowsize, quality.offsamples, quality.numslices, size.offwidth, size.offheight)
 
 
-def test_what_does_not_fit_is_refused(scene: Scene) -> None:
+def test_what_does_not_fit_is_refused(scene: Scene, renderer: PanoramaRenderer) -> None:
+    for which in ([0], [0, 1], [0, -1]):
+        with pytest.raises(ValueError, match="needs 2 numbers of cameras, 0 to 0"):
+            renderer.render(scene.data, scene.poses[:2], which=which)
     with pytest.raises(ValueError, match=r"int64 of shape .* needs uint16"):
         PanoramaRenderer(scene.model, SMALL, scene.instances.astype(np.int64))
     with pytest.raises(ValueError, match="needs uint16 of shape"):

@@ -2,7 +2,6 @@
 
 import csv
 import re
-import tomllib
 import xml.etree.ElementTree as ElementTree
 from itertools import pairwise
 from pathlib import Path
@@ -11,7 +10,7 @@ import cv2
 import pytest
 
 from sim.confidence_intervals import bounds_of, mean_interval
-from sim.report.page import TEMPLATE, write_report
+from sim.report.page import write_report
 from sim.report.plots import inline
 from sim.report.rows import read_rows
 from tests.sim import stress_rows
@@ -133,13 +132,6 @@ def test_a_page_of_failed_runs_only(tmp_path: Path) -> None:
     assert "10 more are in results.jsonl" in text
 
 
-def test_the_wheel_carries_the_template() -> None:
-    project = next(folder for folder in Path(__file__).parents if (folder / "pyproject.toml").is_file())
-    patterns = tomllib.loads((project / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]["package-data"]["*"]
-    assert TEMPLATE.is_file()
-    assert any(TEMPLATE.match(pattern) for pattern in patterns)
-
-
 def test_two_svgs_share_no_id_and_numbers_of_an_axis_are_not_rounded() -> None:
     svg = '<?xml?><svg width="3" height="4" viewBox="0 0 3 4"><path id="a"/><use xlink:href="#a" style="clip-path: url(#a)"/></svg>'
     assert inline(svg, "x") == '<svg viewBox="0 0 3 4"><path id="x-a"/><use href="#x-a" style="clip-path: url(#x-a)"/></svg>'
@@ -172,21 +164,3 @@ def test_chromium_shows_and_prints_the_page(width: int, folder: Path) -> None:
         assert browser.evaluate("getComputedStyle(document.querySelector('nav')).display") == "none"
         assert browser.evaluate("document.documentElement.scrollWidth") <= width
         assert len(browser.call("Page.printToPDF", printBackground=False)["data"]) > 10_000
-
-
-def test_no_interval_leaves_the_range_of_its_figure(tmp_path: Path) -> None:
-    """Three seeds with scores near the ends of their ranges: uncut intervals would reach from -0.02 m and to a MOTA of 1.1."""
-    rows = [stress_rows.row("density", k, value, seed) for k, value in enumerate(stress_rows.PEOPLE) for seed in range(3)]
-    for row in rows:
-        near = 1e-3 if row["seed"] else 0.2
-        row["scores"] |= dict.fromkeys(("mota", "mota_all", "idf1", "hota", "map_complete"), 1 - near)
-        row["scores"] |= dict.fromkeys(("ate_m", "motp_m", "map_aligned_m", "efficiency"), near)
-    write_report(stress_rows.write(tmp_path, rows))
-    checked = 0
-    for name in ("mota", "mota_all", "idf1", "map_complete", "ate_m", "motp_m", "map_aligned_m", "efficiency"):
-        low, high = bounds_of(name)
-        with (tmp_path / "report" / f"density-{name.replace('_', '-')}.csv").open() as file:
-            for found in csv.DictReader(file):
-                assert low is None or float(found["low"]) >= low, (name, found)
-                assert high is None or float(found["high"]) <= high, (name, found)
-                checked += 1

@@ -103,10 +103,9 @@ def test_another_run_in_the_same_folder_is_refused(tmp_path: Path) -> None:
 
 def test_folders_with_other_files_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "results.jsonl"
-    for content, message in (("nonsense\n{}\n", "results.jsonl:1: not JSON"), ('{"schema": 7}\n', "results.jsonl:1: schema is 7, this version")):
-        path.write_text(content)
-        with pytest.raises(ValueError, match=message):
-            run_trials([], tmp_path, Workers(), "pilsim stress")
+    path.write_text("nonsense\n")
+    with pytest.raises(ValueError, match=r"results\.jsonl:1: not JSON"):
+        run_trials([], tmp_path, Workers(), "pilsim stress")
     path.unlink()
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(ValueError, match=r"notes.txt: is a file, needs a folder"):
