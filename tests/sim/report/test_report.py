@@ -16,9 +16,6 @@ from sim.report.rows import read_rows
 from tests.sim import stress_rows
 from tests.sim.browser import CHROMIUM, Browser
 
-XHTML = "{http://www.w3.org/1999/xhtml}"
-
-
 pytestmark = pytest.mark.render
 
 
