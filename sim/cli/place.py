@@ -108,6 +108,8 @@ class Place:
 
             print(train(self._options(), self.training.train, self.training.out, self.seed, self.training.train_worlds))
             return
+        if self.scene.robot is not None:
+            raise ValueError("--robot is for generate, demo, stress and predict: the robots of a placement are rovers")
         if not self.policy:
             raise ValueError("policy is empty, needs one or more of random, static, lloyd, greedy, predictive, learned, ppo:FILE")
         for name in self.policy:

@@ -24,8 +24,8 @@ from worlds.terrain.heightfield import Mask
 NODES = 500
 """Approximate number of nodes, from which the spacing is chosen."""
 
-MIN_SPACING, MAX_SPACING = 0.45, 2.0
-"""Bounds of the spacing of nodes, m."""
+MIN_SPACING, MAX_SPACING, MOST_NODES = 0.45, 2.0, 3000
+"""Bounds of the spacing of nodes, m; the second is exceeded where a place is so large that it would have more than MOST_NODES nodes."""
 
 LANE_LENGTH, HALF_LANE_WIDTH = 1.5, 0.85
 """Length, and half the width, of the lane in which a robot avoids others, m."""
@@ -52,7 +52,7 @@ class Roadmap:
     @staticmethod
     def of(space: FreeSpace) -> Roadmap:
         """The roadmap of a free space. Each cell has a node where its clearance is largest. Free straight segments are edges."""
-        spacing = float(np.clip(np.sqrt(space.area / NODES), MIN_SPACING, MAX_SPACING))
+        spacing = max(float(np.clip(np.sqrt(space.area / NODES), MIN_SPACING, MAX_SPACING)), float(np.sqrt(space.area / MOST_NODES)))
         nodes, cell = _nodes(space, spacing)
         edges = _edges(space, nodes, cell)
         _, label = csgraph.connected_components(edges, directed=False)

@@ -85,22 +85,26 @@ def draw_text(image: Any, text: str, at: tuple[int, int], size: float, colour: t
 
 
 def annotated(sequence: Sequence, results: Results, tick: Tick) -> dict[str, Image]:
-    """Camera → panorama of this tick with the estimates, projected by the estimated poses of the robots."""
+    """Camera → image of this tick with the estimates, projected by the estimated poses of the robots and the known ones of fixed cameras."""
     out = {}
     ids, places = results.tracks.get(tick.index, (np.zeros(0, dtype=np.int64), np.zeros((0, 3))))
     for view in tick.views:
         mount: Mount = sequence.setup.mounts[view.camera]
-        pose = results.poses[mount.robot][tick.index]
-        if view.image is not None and pose is not None and mount.camera.wraps:
+        start = sequence.setup.starts[mount.robot]
+        fixed = start.T_world_robot if start is not None and sequence.setup.is_fixed(mount.robot) else None
+        pose = fixed or results.poses[mount.robot][tick.index]
+        if view.image is not None and pose is not None:
             out[view.camera] = draw_boxes(view.image, mount.camera, pose @ mount.T_body_camera, ids.tolist(), places)
     return out
 
 
 def contact_sheet(images: dict[str, Image], caption: str) -> Image:
-    """One image with all panoramas in two columns, their names, and a caption."""
+    """One image with all images in two columns, their names, and a caption."""
     tiles = []
+    height, width = (max((image.shape[axis] for image in images.values()), default=64) for axis in (0, 1))
     for name, image in images.items():
-        tile = cv2.copyMakeBorder(image, 34, 6, 4, 4, cv2.BORDER_CONSTANT, value=(24, 24, 28))
+        below, beside = height - image.shape[0], width - image.shape[1]
+        tile = cv2.copyMakeBorder(image, 34, 6 + below, 4, 4 + beside, cv2.BORDER_CONSTANT, value=(24, 24, 28))
         draw_text(tile, name.replace("_", " "), (12, 24), 0.7, (235, 235, 235))
         tiles.append(tile)
     if len(tiles) % 2:

@@ -113,11 +113,11 @@ def plan(sequence: Sequence, results: Results, title: str, path: Path) -> None:
 
 
 def video_frames(sequence: Sequence, results: Results, ticks: Iterable[Tick]) -> Iterator[Image]:
-    """Video frames (720, 1280, 3) RGB: up to four panoramas with boxes, the plan so far, and a chart of the robots' errors."""
+    """Video frames (720, 1280, 3) RGB: up to four images with boxes, the plan so far, and a chart of the robots' errors."""
     terrain_image = TerrainImage.of(sequence.setup, (SIDE[0] - 20, SIDE[1] - 370))
     errors = {"by SLAM": _robot_errors(sequence, results.poses), "dead reckoning": _robot_errors(sequence, dead_reckoning(sequence))}
     for tick in ticks:
-        strips = [_cropped_panorama(image) for image in list(annotated(sequence, results, tick).values())[:4]]
+        strips = [_strip(image) for image in list(annotated(sequence, results, tick).values())[:4]]
         while len(strips) < 4:
             strips.append(np.full((STRIP[1], STRIP[0], 3), 24, np.uint8))
         side = _plan_so_far(sequence, results, terrain_image, tick)
@@ -152,8 +152,14 @@ def _draw_error_chart(side: Image, lines: dict[str, Array], last_frame: int, fra
         draw_text(side, name, (left + 150 * k, bottom + 24), 0.48, colour)
 
 
-def _cropped_panorama(image: Image) -> Image:
-    height = image.shape[0]
+def _strip(image: Image) -> Image:
+    """A band of a panorama, or another image as a whole, as large as STRIP."""
+    height, width = image.shape[:2]
+    if width != 2 * height:
+        out = np.full((STRIP[1], STRIP[0], 3), 24, np.uint8)
+        small = cv2.resize(image, (round(width * STRIP[1] / height), STRIP[1]), interpolation=cv2.INTER_AREA)[:, : STRIP[0]]
+        out[:, : small.shape[1]] = small
+        return out
     top, bottom = (round(height * (90 - degrees) / 180) for degrees in BAND)
     return cv2.resize(image[top:bottom], STRIP, interpolation=cv2.INTER_AREA).astype(np.uint8)
 

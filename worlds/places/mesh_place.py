@@ -109,10 +109,16 @@ def _add_material(spec: mujoco.MjSpec, part: Part, number: int) -> str:
 def _add_part(spec: mujoco.MjSpec, part: Part, faces: NDArray[np.int64], name: str, material: str) -> None:
     """Faces of a part as a geom that is drawn and hit by rays, but met by nothing: wheels meet the height field."""
     used, index = np.unique(faces, return_inverse=True)
-    mesh = spec.add_mesh(name=name, uservert=part.vertices[used].ravel(), userface=index.ravel())
+    vertices, uv, index = part.vertices[used], None if part.uv is None else part.uv[used], index.reshape(-1, 3)
+    if len(vertices) < 4:
+        # MuJoCo refuses a single triangle, but takes its two halves.
+        vertices = np.vstack([vertices, vertices[:2].mean(axis=0)])
+        uv = None if uv is None else np.vstack([uv, uv[:2].mean(axis=0)])
+        index = np.concatenate([[np.where(face == end, 3, face) for end in (0, 1)] for face in index])
+    mesh = spec.add_mesh(name=name, uservert=vertices.ravel(), userface=index.ravel())
     # A shell needs neither volume nor closed surfaces.
     mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
-    if part.uv is not None:
-        mesh.usertexcoord = (part.uv[used] * [1, -1] + [0, 1]).ravel()
+    if uv is not None:
+        mesh.usertexcoord = (uv * [1, -1] + [0, 1]).ravel()
     geom = spec.worldbody.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, material=material)
     geom.group, geom.contype, geom.conaffinity = 1, 0, 0
