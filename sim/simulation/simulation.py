@@ -460,6 +460,9 @@ class Simulation:
         self._physics_data.qvel[:] = 0.0
         self._physics_data.time = 0.0
         self._copy_state(self._physics_data, self._data)
+        for i, user in self._fleet.items():
+            if self.tipped()[self.robots[i]]:
+                raise ValueError(f"{user.path}: falls over where it stands; lower its mass, widen its track, or tell motion=base")
 
     @staticmethod
     def _copy_state(source: mujoco.MjData, target: mujoco.MjData) -> None:

@@ -193,6 +193,13 @@ def test_what_cannot_drive_is_one_line(tmp_path: Path, monkeypatch: pytest.Monke
         load_robot(RobotChoice("unitree_go"))
 
 
+def test_what_falls_over_is_one_line(tmp_path: Path) -> None:
+    weight = '<geom name="weight" type="sphere" size="0.1" pos="-0.4 0 0.9" mass="60"/>'
+    name = rolling(tmp_path / "weak.xml", [("left", 0.0, 0.2), ("right", 0.0, -0.2)], weight)
+    with pytest.raises(ValueError, match=r"weak\.xml: falls over where it stands"):
+        Simulation(Scenario(world="hall", robots=1, people=0, robot=name))
+
+
 @pytest.mark.soak
 @pytest.mark.parametrize("make", [walker, quadrotor])
 def test_odometry_is_consistent_over_seeds(tmp_path: Path, make: Callable[[Path], str]) -> None:

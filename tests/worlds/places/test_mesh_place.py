@@ -104,6 +104,15 @@ def test_more_triangles_than_the_bound_are_reduced(tmp_path: Path, monkeypatch: 
     can_be_walked(world, 40)
 
 
+def test_a_part_of_one_triangle_is_drawn(tmp_path: Path) -> None:
+    scene = house()
+    scene.add_geometry(trimesh.Trimesh([(6, 6, 0.5), (7, 6, 0.5), (6, 7, 0.5)], [(0, 1, 2)], process=False), node_name="flag", geom_name="flag")
+    scene.apply_transform(trimesh.transformations.rotation_matrix(-np.pi / 2, [1, 0, 0]))
+    (tmp_path / "flag.glb").write_bytes(scene.export(file_type="glb"))
+    model = built(str(tmp_path / "flag.glb")).spec.copy().compile()
+    assert min(model.mesh_facenum) == 2, "MuJoCo takes no single triangle, but its halves"
+
+
 def test_mjcf_is_a_place_with_its_cameras_and_moving_bodies(tmp_path: Path) -> None:
     (tmp_path / "site.xml").write_text(MODEL)
     world = built(str(tmp_path / "site.xml"))
