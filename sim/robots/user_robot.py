@@ -211,6 +211,8 @@ def _path(source: str) -> Path:
     if Path(source).suffix:
         if not Path(source).is_file():
             raise ValueError(f"robot {source}: no such file")
+        if Path(source).suffix.lower() not in (".xml", ".mjcf", ".urdf"):
+            raise ValueError(f"robot {source}: is no model of a robot, needs MJCF (.xml) or URDF")
         return Path(source)
     try:
         import mujoco_menagerie

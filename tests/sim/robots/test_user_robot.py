@@ -193,6 +193,12 @@ def test_what_cannot_drive_is_one_line(tmp_path: Path, monkeypatch: pytest.Monke
         load_robot(RobotChoice("unitree_go"))
 
 
+def test_a_mesh_is_no_robot(tmp_path: Path) -> None:
+    (tmp_path / "dog.glb").write_bytes(b"glTF")
+    with pytest.raises(ValueError, match=r"dog\.glb: is no model of a robot, needs MJCF"):
+        load_robot(RobotChoice(str(tmp_path / "dog.glb")))
+
+
 def test_what_falls_over_is_one_line(tmp_path: Path) -> None:
     weight = '<geom name="weight" type="sphere" size="0.1" pos="-0.4 0 0.9" mass="60"/>'
     name = rolling(tmp_path / "weak.xml", [("left", 0.0, 0.2), ("right", 0.0, -0.2)], weight)
