@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from sim.tuning.cameras import corner_cameras, mast_cameras
 from sim.tuning.places import floor, furniture
@@ -118,6 +119,19 @@ def similarity(found: Calibration, case: Synthetic) -> tuple[complex, float, com
     return turn, factor, complex(w.mean() - factor * turn * z.mean())
 
 
+def angle_between(found: RecordingCamera, true: RecordingCamera, yaw: float) -> float:
+    """Largest angle °, about an axis of the camera, between the rays of the image's inner half; the found camera is turned by `yaw` rad first.
+
+    Principal points may differ: a shift of one is a turn nearly.
+    """
+    size = np.array([true.camera.width, true.camera.height])
+    pixels = size / 2 + size / 4 * np.array([(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)])
+    rays = [camera.camera.bearings_from_pixels(pixels) @ camera.pose.rotation.T for camera in (found, true)]
+    about = Rotation.from_euler("z", yaw)
+    turn = Rotation.align_vectors(rays[1], about.apply(rays[0]))[0]
+    return float(np.degrees(np.abs(true.pose.rotation.T @ turn.as_rotvec())).max())
+
+
 def errors(case: Synthetic, found: Calibration) -> dict[str, Array]:
     """Errors of cameras (n,) after the best similarity: focal %, angles °, place in % of the mean distance of people, offset s; NEES as it is."""
     turn, factor, shift = similarity(found, case)
@@ -125,11 +139,9 @@ def errors(case: Synthetic, found: Calibration) -> dict[str, Array]:
     place, angle = [], []
     for name, row in zip(found.cameras, found.rows, strict=True):
         pose, z = case.cameras[name].pose, factor * turn * complex(*row[[X, Y]]) + shift
+        angle.append(angle_between(found.cameras[name], case.cameras[name], float(np.angle(turn))))
         off = np.linalg.norm([z.real, z.imag, factor * np.exp(row[HEIGHT])] - pose.translation)
         place.append(100 * off / (factor * np.hypot(*(places - row[[X, Y]]).T).mean()))
-        yaw = row[YAW] + np.angle(turn)
-        difference = np.array([row[PITCH], row[ROLL], yaw]) - angles_of(pose.rotation)
-        angle.append(np.degrees(np.abs(np.angle(np.exp(1j * difference)))).max())
     apart = found.rows - true_rows(case, list(found.cameras))
     apart[:, YAW] = np.angle(np.exp(1j * apart[:, YAW]))
     free = np.flatnonzero(np.diag(found.covariance) > 0)

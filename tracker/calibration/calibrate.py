@@ -18,8 +18,8 @@ from tracker.calibration.adjustment import GLOBAL_PRIOR, ROUNDS, Adjusted, Prior
 from tracker.calibration.body import CX, CY, FOCAL, HEIGHT, K1, OFFSET, PITCH, ROLL, YAW, X, Y, angles_of, lens_of, pose_of
 from tracker.calibration.boxes import linked_boxes
 from tracker.calibration.people import MOST, observations
-from tracker.calibration.refinement import changes, refine
-from tracker.calibration.registration import FAR_ERROR, CameraBoxes, Match, match, seen_alike, steps_of
+from tracker.calibration.refinement import changes, refine, unswapped
+from tracker.calibration.registration import FAR_ERROR, CameraBoxes, Cloud, Match, match, paths_of, seen_alike, steps_of
 from tracker.calibration.result import Calibration, Known
 from tracker.calibration.single_view import LEAST_BOXES, ROLL_SIGMA, STATURE, USUAL_FOCAL, USUAL_HEIGHT, SingleView, single_view
 from tracker.geometry import Array, Pose
@@ -52,7 +52,12 @@ def calibrate(recording: Recording, known: Known | None = None, progress: Progre
 
     progress: wraps the iteration over pairs of cameras. Raises ValueError for a recording without fixed cameras that have boxes.
     """
-    return _Calibrator(recording, known or Known()).run(progress)
+    known = known or Known()
+    if not known.refine:
+        return _Calibrator(recording, known).run(progress)
+    recording, swapped = unswapped(recording)
+    found = _Calibrator(recording, known).run(progress)
+    return replace(found, changes=(*swapped, *found.changes))
 
 
 class _Calibrator:
@@ -62,6 +67,7 @@ class _Calibrator:
         self.recording, self.known, self.problems = recording, known, list[str]()
         self.views: dict[str, CameraBoxes] = {}
         self.rows: dict[str, Array] = {}
+        self.clouds: dict[tuple[str, float], tuple[Array, Cloud]] = {}
         fixed = {name: camera for name, camera in recording.fixed.items() if recording.detections.get(name)}
         if not fixed:
             raise ValueError("no fixed camera has boxes, needs detections/CAMERA.txt; `pilsim detect` finds them in images")
@@ -153,7 +159,8 @@ class _Calibrator:
         ]
         far = WITHIN * float(np.max(adjusted.edges[:, 2] * STATURE / np.exp(adjusted.rows[:, HEIGHT]), initial=0.0))
         for a, b in combinations(self.rows, 2):
-            seen, _, share = seen_alike(self.views[a], self.views[b], (self.rows[a], self.rows[b]), self.steps, min(far / FAR_ERROR, 1.0))
+            own, other = (self._cloud(name, self.rows[name], min(far / FAR_ERROR, 1.0)) for name in (a, b))
+            seen, _, share = seen_alike(self.views[a], self.rows[a], own, other)
             if seen >= LEAST_SEEN and share < CONTRADICTION:
                 out.append(f"{a} and {b} see the same ground, but only {max(share, 0.0):.0%} of the people there agree: one of them is wrong")
         return out
@@ -207,10 +214,18 @@ class _Calibrator:
 
     def _share(self, name: str, row: Array | None = None, tight: float = TIGHT) -> tuple[float, float]:
         """Agreement of a camera with the others in the frame, as registration.agreement: best sum and its share."""
-        own = self.rows[name] if row is None else row
-        others = [(self.views[other], its) for other, its in self.rows.items() if other != name]
-        found = [seen_alike(view, self.views[name], (its, own), self.steps, tight)[1:] for view, its in others]
+        cloud = self._cloud(name, self.rows[name] if row is None else row, tight)
+        others = [(other, its) for other, its in self.rows.items() if other != name]
+        found = [seen_alike(self.views[other], its, self._cloud(other, its, tight), cloud)[1:] for other, its in others]
         return sum(max(score, 0.0) for score, _ in found), max(found, default=(0.0, 0.0))[1]
+
+    def _cloud(self, name: str, row: Array, tight: float) -> Cloud:
+        """The places that a camera sees under its parameters `row`; the last ones are kept."""
+        last, cloud = self.clouds.get((name, tight), (None, None))
+        if cloud is None or last is not row:
+            cloud = Cloud.of(paths_of(self.views[name], row, self.steps), tight)
+            self.clouds[name, tight] = row, cloud
+        return cloud
 
     def _prior(self, names: list[str]) -> Prior:
         mean, sigma = np.zeros((len(names), 11)), np.full((len(names), 11), np.inf)

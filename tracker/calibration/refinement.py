@@ -7,7 +7,7 @@ score test (Rao 1948) with the covariance of clusters (Boos 1992). Of a camera t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
@@ -17,6 +17,9 @@ from tracker.calibration.body import GLOBALS, HEIGHT, NAMES, PITCH, ROLL, YAW
 from tracker.calibration.people import Observations
 from tracker.geometry import Array, Mask
 from tracker.geometry.cameras import Camera
+from tracker.recordings import Recording
+from tracker.recordings.calibration_errors import swapped_cameras
+from tracker.recordings.calibration_feet import CalibrationCase
 
 SIGNIFICANCE = 1e-4
 """Probability of a test that finds something where nothing has moved, if errors are as they are modelled."""
@@ -31,6 +34,18 @@ class Refined:
 
     adjusted: Adjusted
     moved: Mask
+
+
+def unswapped(recording: Recording) -> tuple[Recording, list[str]]:
+    """The recording whose cameras have the calibration that their boxes fit, and a line where two were swapped, as `pilsim check` finds it."""
+    if any(camera.unknown for camera in recording.fixed.values()):
+        return recording, []
+    found = swapped_cameras(CalibrationCase.of(replace(recording, truth=None)))
+    if found is None:
+        return recording, []
+    first, second = found[0].cameras
+    cameras = {**recording.cameras, first: recording.cameras[second], second: recording.cameras[first]}
+    return replace(recording, cameras=cameras), [found[0].words]
 
 
 def refine(cameras: Sequence[Camera], seen: Observations, rows: Array, prior: Prior, free: Mask) -> Refined:

@@ -239,11 +239,13 @@ def visible(view: CameraBoxes, row: Array, point: Array) -> Mask:
         return np.asarray(inside & (box[:, 2] - box[:, 1] > np.quantile(t.height[t.whole], 0.03)))
 
 
-def seen_alike(a: CameraBoxes, b: CameraBoxes, rows: tuple[Array, Array], steps: int, tight: float) -> tuple[int, float, float]:
-    """Of two cameras in one frame: how many places of b's people a should see, their agreement above chance, and as a share."""
-    first, second = (Cloud.of(paths_of(view, row, steps), tight) for view, row in zip((a, b), rows, strict=True))
-    inside = visible(a, rows[0], second.point)
-    score, share = agreement(first, second, inside[None], second.point[None])
+def seen_alike(a: CameraBoxes, row: Array, own: Cloud, other: Cloud) -> tuple[int, float, float]:
+    """How many places of another camera's people camera a should see, their agreement with its own above chance, and as a share.
+
+    row (11,): parameters of a. own, other: places that both cameras see, in one frame.
+    """
+    inside = visible(a, row, other.point)
+    score, share = agreement(own, other, inside[None], other.point[None])
     return int(inside.sum()), float(score[0]), float(share[0])
 
 
