@@ -210,6 +210,7 @@ FOLDERS = (
             ("images/P/000002.png", "binary"),
         )
     ),
+    Reader("visible parts", samples.visible_parts, "detections/C1.visible.txt", _opened, "lines"),
     *(Reader(f"AI City {name}", samples.aicity_scene, name, _opened) for name in ("calibration.json", "ground_truth.json", "detections/Camera.txt")),
     *(Reader(f"JRDB folder {kind}", samples.jrdb_folder, f"{kind}/s.json", _opened) for kind in (jrdb.LABELS_2D, jrdb.LABELS_3D, jrdb.DETECTIONS)),
     *(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -24,7 +25,7 @@ from tracker.formats.wildtrack import files as wildtrack
 from tracker.geometry import Array, Pose
 from tracker.geometry.cameras import Panorama, Pinhole, Tsai, pinhole
 from tracker.geometry.ground import Flat, Grid
-from tracker.io.mot15 import Mot15Rows, write_mot15
+from tracker.io.mot15 import Mot15Rows, read_mot15, write_mot15
 from tracker.io.tsai_xml import write_camera
 from tracker.io.video_files import VideoWriters
 from tracker.planar_slam.trajectories import PlanarTrajectories, write_trajectories
@@ -56,9 +57,7 @@ def mot15(file: Path, detections: bool = False, boxes: bool = True) -> None:
     box = np.column_stack([rng.uniform(12, 75, 9), rng.uniform(20, 50, 9), np.full(9, 5.0), np.full(9, 12.0)])
     place = np.column_stack([rng.uniform(-5, 4, (9, 2)), np.zeros(9)])
     ids = np.full(9, -1) if detections else person
-    rows = Mot15Rows(
-        frame, ids, box if boxes else np.full((9, 4), -1.0), rng.uniform(0.5, 1, 9), np.full((9, 3), -1.0) if detections else place
-    )
+    rows = Mot15Rows(frame, ids, box if boxes else np.full((9, 4), -1.0), rng.uniform(0.5, 1, 9), np.full((9, 3), -1.0) if detections else place)
     write_mot15(file, rows)
 
 
@@ -142,6 +141,14 @@ def recording(folder: Path) -> None:
     (folder / "images" / "P").mkdir(parents=True)
     for k in range(3):
         cv2.imwrite(str(folder / "images" / "P" / f"{k + 1:06d}.png"), np.full((32, 64, 3), 40 * k, dtype=np.uint8))
+
+
+def visible_parts(folder: Path) -> None:
+    """A recording with the visible parts of its boxes."""
+    recording(folder)
+    boxes = read_mot15(folder / "detections" / "C1.txt")
+    parts = boxes.box * [1.0, 1.0, 1.0, 0.5]
+    write_mot15(folder / "detections" / "C1.visible.txt", replace(boxes, box=parts, confidence=np.linspace(0.25, 1.0, len(boxes))))
 
 
 def aicity_scene(folder: Path) -> None:
