@@ -82,7 +82,7 @@ class StudyForm:
         return "\n".join(lines)
 
     def draw(self, cells: Cells, path: Path) -> None:
-        """Write a plot: a row for each data set, a column for each measure, a line for each value of the second setting, if there is one.
+        """Write a plot: a row for each data set, a column for each measure, a line for each value of any second setting.
 
         Points are means, whiskers minimum and maximum over repetitions.
         """

@@ -1,4 +1,4 @@
-"""Scores of a tracker on a synthetic case, on the ground: HOTA, MOTA, IDF1 and what they are made of; an error is told by its one line."""
+"""Scores of a tracker on a synthetic case, on the ground: HOTA, MOTA, IDF1 and their parts. An error is told by its one line."""
 
 from __future__ import annotations
 

@@ -36,8 +36,8 @@ MARGIN = 0.3
 """m, an object nearer than this before a person hides nothing: places and maps have errors."""
 
 
-HEAD_SIGMA = 0.02
-"""m, standard deviation of the upper edge from the stature: heads rise and fall by 0.02 m at a step, and nod. Hats are a part of the stature."""
+HEAD_SIGMA = 0.03
+"""m, standard deviation of the upper edge from the stature: people nod, bounce and wear hats."""
 
 OUTLIER_SHARE, STATURE_RANGE = 0.05, (1.2, 2.3)
 """Share of people whose apparent stature is uniform over the range, m: children and people on stairs stay possible."""
