@@ -19,7 +19,7 @@ EDGE = np.linspace(-0.9, 0.9, 9)
 """Sample points of a box's lower edge, from its middle, in half widths."""
 
 BELOW, COVERED = 0.012, 0.3
-"""rad below the lower edge of a box within which a nearer box may hide the feet; share of that edge under such boxes from which it does."""
+"""rad below the lower edge of a box within which a nearer box may hide the feet. It does where such boxes cover this share of the edge."""
 
 FEET_HIDDEN = np.array([0.03, 0.6, 0.6])
 """Probability that a box ends above the feet: free, behind people, at the image's edge."""
