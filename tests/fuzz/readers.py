@@ -74,8 +74,7 @@ def _opened(folder: Path) -> object:
 
 
 def _wildtrack_camera(folder: Path) -> object:
-    found = wildtrack.read_calibration(folder, "Camera1")
-    return found.pixels(found.tvec[None] + [[0.0, 0.0, 5.0]]), found.depths(found.tvec[None])
+    return wildtrack.read_calibration(folder, "Camera1", (72, 96)).opencv_extrinsics
 
 
 def _contents(folder: Path) -> object:

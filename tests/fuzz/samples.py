@@ -98,7 +98,7 @@ def wildtrack_folder(folder: Path) -> None:
     boxes = np.array([[10, 20, 30, 40], [-1, -1, -1, -1]])
     people = [wildtrack.WildtrackPosition(7, 3, boxes, np.array([1.0, 2.0, 0.0])), wildtrack.WildtrackPosition(9, 8, boxes[::-1])]
     wildtrack.write_positions(folder / "00000.json", people)
-    eye = wildtrack.OpenCvCamera.of(camera(), pose())[0]
+    eye = wildtrack.opencv_camera(camera(), pose())[0]
     wildtrack.write_calibration(folder, "Camera1", eye)
     wildtrack.write_config(folder / "config.json", grid, 1, 3, (72, 96))
 
@@ -154,11 +154,9 @@ def visible_parts(folder: Path) -> None:
 def aicity_scene(folder: Path) -> None:
     """A camera, two people and their detections, and results."""
     ahead = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
-    eye = aicity.AiCityCamera(
-        "Camera", np.array([[90.0, 0.0, 64.0], [0.0, 90.0, 36.0], [0.0, 0.0, 1.0]]), ahead, -ahead @ [0.0, 0.0, 3.0], 128, 72, 30.0
-    )
+    eye = RecordingCamera.of_opencv(Pinhole(128, 72, 90.0, 90.0, 64.0, 36.0), ahead, -ahead @ [0.0, 0.0, 3.0])
     people = [aicity.AiCityObject("Person", k, np.array([5.0 + k, 0.0, 0.9]), np.array([0.5, 0.5, 1.8]), np.zeros(3)) for k in (1, 2)]
-    aicity.write_calibration(folder / "calibration.json", [eye])
+    aicity.write_calibration(folder / "calibration.json", 30.0, {"Camera": eye})
     aicity.write_ground_truth(folder / "ground_truth.json", {0: people, 2: people[:1]})
     (folder / "detections").mkdir()
     mot15(folder / "detections" / "Camera.txt", detections=True)
@@ -186,7 +184,7 @@ def jrdb_folder(folder: Path) -> None:
 def multiviewx(folder: Path) -> None:
     """Two cameras of MultiviewX and two frames."""
     for number, (x, y, heading) in enumerate(((0.0, 0.0, 0.6), (25.0, 16.0, 0.6 + np.pi)), 1):
-        eye, _ = wildtrack.OpenCvCamera.of(pinhole(96, 72, 1.4), Pose.planar(x, y, heading, 4.0))
+        eye, _ = wildtrack.opencv_camera(pinhole(96, 72, 1.4), Pose.planar(x, y, heading, 4.0))
         wildtrack.write_calibration(folder / "calibrations", f"Camera{number}", eye)
     (folder / "annotations_positions").mkdir()
     for frame in range(2):

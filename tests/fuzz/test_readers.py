@@ -151,5 +151,5 @@ def test_only_line_ends_count_as_lines(tmp_path: Path) -> None:
     file = sample(reader, tmp_path)
     lines = file.read_text(encoding="utf-8").splitlines()
     file.write_text("\n".join([lines[0] + "\u2028", lines[1] + "\x0b", lines[2] + "\x0c", "oops", *lines[3:]]) + "\n", encoding="utf-8")
-    with pytest.raises(ValueError, match=r"gt.txt:line 4: 1 values"):
+    with pytest.raises(ValueError, match=r"gt.txt:4: 1 values"):
         reader.read(tmp_path)

@@ -16,7 +16,6 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -29,11 +28,10 @@ from tracker.geometry.ground import Flat, Grid, Ground
 from tracker.geometry.tsai import tsai_of
 from tracker.io.atomic import write_text
 from tracker.io.csv_tables import read_terrain
-from tracker.io.json_files import read_json
+from tracker.io.json_files import JsonObject, read_json
 from tracker.io.mot15 import LARGEST_PIXEL, MAX_FRAME, number, write_mot15
 from tracker.io.picture_folders import say_left_out, visible_files
 from tracker.io.resume import checksum
-from tracker.io.text_files import shown
 from tracker.io.time_order import say_repeated
 from tracker.io.tsai_xml import read_camera, write_camera
 from tracker.io.xml_files import Element, parse
@@ -128,6 +126,7 @@ PETS_AREA = ((-14.0696, -14.2740), (4.9813, 1.7335))
 PILLARS = ((-13.708, -10.623, 0.07, 0.0, 2.4), (-13.708, -10.623, 0.24, 2.4, 3.03))
 """m: the lamp post of PETS 2009 and its sign, which occlude people in View_001; measured in its first frame by its calibration."""
 
+PILLAR = "rows of x, y, radius, low and high in metres, radius over 0 and low under high"
 PETS_RATE = 7.0
 """Frames per second of PETS 2009."""
 
@@ -148,35 +147,16 @@ def read_site(folder: Path) -> Site:
     path = folder / FILE
     if not path.is_file():
         return Site(PETS_RATE, np.array(PETS_AREA), Flat(), pillars=np.array(PILLARS))
-    try:
-        content = read_json(path)
-        if not isinstance(content, dict):
-            raise ValueError(f"{path}: is a {type(content).__name__}, needs an object with rate, area and terrain")
-        rate, area, terrain = float(content["rate"]), np.array(content["area"], dtype=np.float64), content["terrain"]
-    except (TypeError, KeyError, ValueError) as error:
-        if str(error).startswith(str(path)):
-            raise
-        raise ValueError(f"{path}: needs rate, area and terrain in JSON ({shown(str(error))})") from None
-    if not MIN_RATE <= rate <= MAX_RATE:
-        raise ValueError(f"{path}: rate is {rate}, needs more than 0 and at most {MAX_RATE:g}, and at least {MIN_RATE:g}")
-    if area.shape != (2, 2) or not np.isfinite(area).all() or not (area[0] < area[1]).all():
-        raise ValueError(f"{path}: area is {str(content['area'])[:80]}, needs two corners x, y m, the lowest first")
-    pillars = _pillars(path, content.get("pillars", []))
-    if terrain is None:
+    content = JsonObject(read_json(path), str(path))
+    rate, area = content.number("rate", MIN_RATE, MAX_RATE), content.array("area", (2, 2))
+    if not (area[0] < area[1]).all():
+        raise content.refused("area", "two corners x, y m, the lowest first")
+    pillars = content.array("pillars", (-1, 5), meaning=PILLAR) if "pillars" in content.values else np.zeros((0, 5))
+    if not ((pillars[:, 2] > 0) & (pillars[:, 3] < pillars[:, 4])).all():
+        raise content.refused("pillars", PILLAR)
+    if "terrain" in content.values and content.values["terrain"] is None:
         return Site(rate, area, Flat(), pillars=pillars)
-    if terrain != TERRAIN:
-        raise ValueError(f"{path}: terrain is {str(terrain)[:80]!r}, needs {TERRAIN!r} or null")
-    return Site(rate, area, *read_terrain(folder / TERRAIN), pillars=pillars)
-
-
-def _pillars(path: Path, rows: Any) -> Array:
-    try:
-        pillars = np.array(rows, dtype=np.float64).reshape(-1, 5)
-    except (ValueError, TypeError):
-        pillars = np.full((1, 5), np.nan)
-    if not np.isfinite(pillars).all() or not (pillars[:, 2] > 0).all() or not (pillars[:, 3] < pillars[:, 4]).all():
-        raise ValueError(f"{path}: pillars is {str(rows)[:80]}, needs rows of x, y, radius, low and high in metres, radius over 0 and low under high")
-    return pillars
+    return Site(rate, area, *read_terrain(folder / content.text("terrain", re.escape(TERRAIN), f"{TERRAIN!r} or null")), pillars=pillars)
 
 
 def write_site(folder: Path, site: Site, terrain: Path | None) -> None:

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tracker.geometry import Array, Ints, Mask
 from tracker.geometry.ground import Grid
 from tracker.io.text_files import LARGEST_NUMBER, LONGEST_SHOWN, parse_integer, parse_number, read_lines, shown
 
@@ -30,6 +31,8 @@ _ARRAY_FAULTS = (
 _QUOTED = re.compile(r"[\"\r]|\n.")
 BLOCK = 4096
 """Rows of a table that are parsed at once."""
+LARGEST_WHOLE = 2**53
+"""Readers that hold numbers as floats know whole numbers below this exactly."""
 LARGEST_ARRAYS = 1 << 28
 """Bytes. While an array is read, it takes three times as much."""
 
@@ -127,19 +130,54 @@ def read_numbered_table(path: Path, columns: Mapping[str, type]) -> tuple[list[i
         raise ValueError(f"{path}: empty, needs a header")
     if (cells := _cells(header)) != list(columns):
         raise ValueError(f"{path}:{number}: columns are {_listed(cells)}, need {_listed(columns)}")
+    return _parsed(path, columns, ((number, line.split(",") if '"' not in line else _cells(line)) for number, line in lines))
+
+
+def _parsed(path: Path, columns: Mapping[str, type], rows: Iterator[tuple[int, list[str]]]) -> tuple[list[int], dict[str, NDArray[Any]]]:
+    """Lines and columns of rows, which are cells with the number of their line."""
     numbers: list[int] = []
     parts: list[list[NDArray[Any]]] = [[np.array([], dtype=str if kind is str else None)] for kind in columns.values()]
-    while block := list(islice(lines, BLOCK)):
-        rows = [line.split(",") if '"' not in line else _cells(line) for _, line in block]
+    while block := list(islice(rows, BLOCK)):
+        cells = [row for _, row in block]
         try:
-            arrays = [_column(kind, cells) for kind, cells in zip(columns.values(), zip(*rows, strict=True), strict=True)]
+            arrays = [_column(kind, column) for kind, column in zip(columns.values(), zip(*cells, strict=True), strict=True)]
         except (ValueError, OverflowError):
-            raise _first_fault(path, columns, [n for n, _ in block], rows) from None
+            raise _first_fault(path, columns, [n for n, _ in block], cells) from None
         numbers += [n for n, _ in block]
         for part, array in zip(parts, arrays, strict=True):
             part.append(array)
     # The empty array is left out where there are others, whose type counts.
     return numbers, {name: np.concatenate(part[1:] or part) for name, part in zip(columns, parts, strict=True)}
+
+
+def read_rows(path: Path, columns: Sequence[str], whole: Container[str] = (), separator: str | None = ",", comment: str = "") -> tuple[Ints, Array]:
+    """The lines (n,) and the values (n, columns) of a file of numbers without a header.
+
+    whole: columns of whole numbers. separator: None for blanks. comment: what begins one, "" for a file without.
+    Raises ValueError "path:line: …" for another number of values, for cells that are no finite number, and for whole numbers of 2^53 or more.
+    """
+    lines = ((number, text) for number, line in _lines(path) if (text := line.split(comment)[0].strip() if comment else line))
+    numbers, table = _parsed(path, dict.fromkeys(columns, float), ((number, text.split(separator)) for number, text in lines))
+    values = np.column_stack([column.astype(np.float64) for column in table.values()])
+    for name, column in table.items():
+        for k in np.flatnonzero((column != np.round(column)) | (np.abs(column) >= LARGEST_WHOLE))[:1] if name in whole else ():
+            raise ValueError(f"{path}:{numbers[k]}: {name} is {column[k]:.17g}, needs a whole number below 2^53")
+    return np.array(numbers, dtype=np.int64), values
+
+
+def first_fault(*rules: tuple[str, NDArray[Any], Mask, str], keys: NDArray[Any] | None = None) -> tuple[int, str] | None:
+    """The first row, from 0, that breaks a rule, and how; None where none does.
+
+    rules: name, values (n,), where they are wrong (n,), and what is needed. keys (n, k): that identify a row; −1 in the second column does not.
+    """
+    broken = [(int(np.argmax(wrong)), name, values, needed) for name, values, wrong, needed in rules if wrong.any()]
+    faults = [(row, f"{name} is {values[row]}, needs {needed}") for row, name, values, needed in broken]
+    if keys is not None:
+        named = np.flatnonzero(keys[:, 1] != -1)
+        _, first, which = np.unique(keys[named], axis=0, return_index=True, return_inverse=True)
+        again = named[first[which.ravel()] != np.arange(len(named))]
+        faults += [(int(k), f"frame {keys[k, 0]} holds id {keys[k, 1]} twice") for k in again[:1]]
+    return min(faults, default=None)
 
 
 def _column(kind: type, cells: Sequence[str]) -> NDArray[Any]:

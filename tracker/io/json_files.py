@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tracker.io.text_files import LARGEST_NUMBER, not_utf8, shown
 
@@ -18,6 +19,8 @@ LARGEST_JSON = 1 << 27
 DEEPEST = 100
 """Most values within each other. Python's own limit depends on the place of the call, and what walks over a value has one, too."""
 LARGEST_INTEGER = 2**63
+LARGEST, LARGEST_ID = 1e9, 2**53 - 1
+"""Of the numbers of a field where nothing else is said, and of ids: readers that use floats know no greater one exactly."""
 _LONG_NUMBER = re.compile(r"\d{19}|[eE]\+?\d{2}")
 """What a number above the bounds has somewhere. Most files have none, and the fast parser suffices."""
 
@@ -84,11 +87,58 @@ class JsonObject:
         """As `a`, and None for a field that is missing or null."""
         return None if self.values.get(name) is None else self.a(name, kind)
 
+    def array(self, name: str, shape: tuple[int, ...] = (), low: float = -LARGEST, high: float = LARGEST, meaning: str = "") -> NDArray[np.float64]:
+        """The numbers of a field, of this shape and from low to high. −1 in the shape is any length. A row may be a column, as OpenCV has it.
+
+        Raises ValueError for another value, and says what the numbers mean.
+        """
+        value = self.values.get(name)
+        try:
+            found = np.array(value)
+        except (ValueError, OverflowError):
+            found = np.array(None)
+        if len(shape) == 1 and found.shape == (*shape, 1):
+            found = found[:, 0]
+        if shape[:1] == (-1,):
+            shape = (len(found) if found.ndim else 0, *shape[1:])
+            found = np.zeros(shape) if found.shape == (0,) else found
+        if found.shape != shape or found.dtype.kind not in "iuf" or not ((found >= low) & (found <= high)).all():
+            count = f"{' x '.join(map(str, shape))} numbers" if shape else "a number"
+            raise self.refused(name, f"{count} from {low:g} to {high:g}{meaning and ': '}{meaning}")
+        return found.astype(np.float64)
+
+    def number(self, name: str, low: float = -LARGEST, high: float = LARGEST, meaning: str = "") -> float:
+        """As `array`, one number."""
+        return float(self.array(name, (), low, high, meaning))
+
+    def whole(self, name: str, low: int = 0, high: int = LARGEST_ID) -> int:
+        """The whole number of a field, from low to high."""
+        value = self.values.get(name)
+        if isinstance(value, bool) or not (isinstance(value, int) or (isinstance(value, float) and value.is_integer())) or not low <= value <= high:
+            raise self.refused(name, f"a whole number from {low} to {high}")
+        return int(value)
+
+    def text(self, name: str, pattern: str, needed: str) -> str:
+        """The text of a field that matches a pattern. needed: what that is, for the message."""
+        value = self.values.get(name)
+        if not isinstance(value, str) or not re.fullmatch(pattern, value):
+            raise self.refused(name, needed)
+        return value
+
+    def refused(self, name: str, needed: str) -> ValueError:
+        """The error of a field that is not what is needed."""
+        value = self.values.get(name)
+        return ValueError(f"{self.where}: {name} is {'missing' if value is None else repr(value)[:80]}, needs {needed}")
+
+    def objects(self, name: str) -> list[JsonObject]:
+        """The objects of a list."""
+        return [JsonObject(value, f"{self.where}: {name}[{k}]") for k, value in enumerate(self.a(name, list))]
+
     def part(self, name: str) -> JsonObject:
         """The object of a field."""
         if name not in self.values:
             raise ValueError(f"{self.where}: {name} is missing, needs an object")
-        return JsonObject(self.values[name], f"{self.where}: {name}")
+        return JsonObject(self.values[name], f"{self.where}: {shown(name)[1:-1]}")
 
     def parts(self, name: str) -> dict[str, JsonObject]:
         """Name → object of all fields of the object `name`; none where it is missing or null."""

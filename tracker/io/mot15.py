@@ -9,8 +9,7 @@ are −1 where there is no box, and x, y, z are −1 where there is no position.
 from __future__ import annotations
 
 import os
-from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +17,8 @@ import numpy as np
 
 from tracker.geometry import Array, Ints, Mask, set_array, set_ints
 from tracker.io.atomic import write_text
-from tracker.io.text_files import LONGEST_SHOWN, parse_number, read_lines
+from tracker.io.csv_tables import LARGEST_WHOLE, first_fault, read_rows
+from tracker.io.text_files import read_lines
 from tracker.io.time_order import say_repeated
 
 COLUMNS = ("frame", "id", "left", "top", "width", "height", "confidence", "x", "y", "z")
@@ -37,8 +37,6 @@ ZERO_SUBSTITUTE = 1e-9
 VISIBLE_FILE = ".visible.txt"
 """Ending of a file beside CAMERA.txt with a row for each of its rows. Boxes are those of visible parts, confidences the shares seen."""
 
-LARGEST = 2**53
-"""Readers of this format hold numbers as floats, which are exact for whole numbers below this."""
 MAX_FRAME = 200_000
 """Highest number of a frame. Sequences hold a value for each frame up to the last, about 1 kB, also where nobody is."""
 LARGEST_PIXEL = 1e9
@@ -97,48 +95,33 @@ def _has_box(box: Array) -> Mask:
 
 def _first_fault(frame: Ints, ids: Ints, box: Array) -> tuple[int, str] | None:
     """The first invalid row, from 0, and the reason; None where all rows are valid."""
-    faults: list[tuple[int, str]] = []
-    for name, values, bad, bound in (
-        ("frame", frame, frame < 1, "at least 1"),
-        ("id", ids, np.abs(ids) >= LARGEST, "less than 2^53"),
-        ("width", box[:, 2], _has_box(box) & (box[:, 2] < 0), "at least 0"),
-        ("height", box[:, 3], _has_box(box) & (box[:, 3] < 0), "at least 0"),
-    ):
-        if bad.any():
-            k = int(np.argmax(bad))
-            faults.append((k, f"{name} is {values[k]}, needs {bound}"))
-    seen: set[tuple[int, int]] = set()
-    for k, key in enumerate(zip(frame.tolist(), ids.tolist(), strict=True)):
-        if key in seen:
-            faults.append((k, f"frame {key[0]} holds id {key[1]} twice"))
-            break
-        if key[1] != -1:
-            seen.add(key)
-    return min(faults, default=None)
+    sizes = ((name, box[:, k], _has_box(box) & (box[:, k] < 0), "at least 0") for name, k in (("width", 2), ("height", 3)))
+    rules = (("frame", frame, frame < 1, "at least 1"), ("id", ids, np.abs(ids) >= LARGEST_WHOLE, "less than 2^53"), *sizes)
+    return first_fault(*rules, keys=np.column_stack([frame, ids]))
 
 
 def read_mot15(path: str | os.PathLike[str], tracks: bool = False) -> Mot15Rows:
     """Read a MOT15 file: truth, detections or results. Blank lines are skipped. tracks: whether every row needs an id, as truth and results have.
 
     A row that equals one before it in every column is left out; their number is logged.
-    Raises ValueError with file and line for a row without ten finite numbers, and for a frame or id that is no whole number.
-    Raises ValueError as Mot15Rows, and OSError where the file cannot be read.
+    Raises ValueError with file and line for a row without ten finite numbers, for a frame or id that is no whole number, and as Mot15Rows.
     """
-    values: dict[tuple[float, ...], int] = {}  # row → line
-    repeated = 0
-    for count, line in read_lines(path):
-        repeated += values.setdefault(tuple(_values(line, f"{path}:line {count}")), count) != count
+    lines, table, repeated = _different(path, COLUMNS)
     say_repeated(path, repeated)
-    lines = list(values.values())
-    table = np.array(list(values), dtype=np.float64).reshape(-1, len(COLUMNS))
     frame, ids = table[:, :2].astype(np.int64).T
     if tracks and (ids < 0).any():
         k = int(np.argmax(ids < 0))
-        raise ValueError(f"{path}:line {lines[k]}: id is {ids[k]}, needs at least 0; detections, whose ids are -1, are no tracks")
-    fault = _first_fault(frame, ids, table[:, 2:6])
-    if fault is not None:
-        raise ValueError(f"{path}:line {lines[fault[0]]}: {fault[1]}")
+        raise ValueError(f"{path}:{lines[k]}: id is {ids[k]}, needs at least 0; detections, whose ids are -1, are no tracks")
+    if (fault := _first_fault(frame, ids, table[:, 2:6])) is not None:
+        raise ValueError(f"{path}:{lines[fault[0]]}: {fault[1]}")
     return Mot15Rows(frame, ids, table[:, 2:6], table[:, 6], table[:, 7:10])
+
+
+def _different(path: str | os.PathLike[str], columns: Sequence[str]) -> tuple[Ints, Array, int]:
+    """Lines (n,) and values (n, columns) of the rows that equal none before them, and the number of the others."""
+    lines, table = read_rows(Path(path), columns, WHOLE)
+    kept = np.sort(np.unique(table, axis=0, return_index=True)[1]) if len(table) else np.arange(0)
+    return lines[kept], table[kept], len(table) - len(kept)
 
 
 def read_mot_truth(path: str | os.PathLike[str]) -> tuple[Mot15Rows, Mask]:
@@ -151,39 +134,17 @@ def read_mot_truth(path: str | os.PathLike[str]) -> tuple[Mot15Rows, Mask]:
     if first.count(",") != len(TRUTH_COLUMNS) - 1:
         rows = read_mot15(path, tracks=True)
         return rows, np.zeros(len(rows), dtype=np.bool_)
-    table: list[list[float]] = []
-    for count, line in read_lines(path):
-        parts = line.split(",")
-        if len(parts) != len(TRUTH_COLUMNS):
-            raise ValueError(f"{path}:line {count}: {len(parts)} values, needs {len(TRUTH_COLUMNS)}, as the first row has")
-        table.append([parse_number(part, f"{path}:line {count}: {name}") for name, part in zip(TRUTH_COLUMNS, parts, strict=True)])
-    values = np.array(table).reshape(-1, len(TRUTH_COLUMNS))
+    lines, values = read_rows(Path(path), TRUTH_COLUMNS, (*WHOLE, "class"))
     kind, frame, ids = values[:, 7].astype(np.int64), *values[:, :2].astype(np.int64).T
     if (fault := _first_fault(frame, ids, values[:, 2:6])) is not None:
-        raise ValueError(f"{path}: row {fault[0] + 1}: {fault[1]}")
+        raise ValueError(f"{path}:{lines[fault[0]]}: {fault[1]}")
     consider = np.where(kind == PEDESTRIAN, values[:, 6], 0.0)
     return Mot15Rows(frame, ids, values[:, 2:6], consider, np.full((len(values), 3), ABSENT)), np.isin(kind, DISTRACTORS)
 
 
 def place_of_row(path: str | os.PathLike[str], row: int) -> str:
-    """The place of a row of read_mot15, counted from 0, for an error message: "path:line N". The file is read again."""
-    first: dict[tuple[float, ...], int] = {}
-    for count, line in read_lines(path):
-        first.setdefault(tuple(map(float, line.split(","))), count)
-    return f"{path}:line {list(first.values())[row]}"
-
-
-def _values(line: str, where: str) -> list[float]:
-    parts = line.split(",")
-    if len(parts) != len(COLUMNS):
-        raise ValueError(f"{where}: {len(parts)} values, needs {len(COLUMNS)}")
-    out: list[float] = []
-    for name, part in zip(COLUMNS, parts, strict=True):
-        value = parse_number(part, f"{where}: {name}")
-        if name in WHOLE and (value != round(value) or abs(value) >= LARGEST):
-            raise ValueError(f"{where}: {name} is {part.strip()[:LONGEST_SHOWN]}, needs a whole number below 2^53")
-        out.append(value)
-    return out
+    """The place of a row of read_mot15, counted from 0, for an error message: "path:N". The file is read again."""
+    return f"{path}:{_different(path, COLUMNS)[0][row]}"
 
 
 def write_mot15(path: str | os.PathLike[str], rows: Mot15Rows) -> None:
@@ -208,20 +169,11 @@ def number(value: float) -> str:
 
 def rows_from_tracks(tracks: dict[int, tuple[Ints, Array]]) -> Mot15Rows:
     """Tracks as rows without boxes, confidence 1. tracks: frame (from 1) → ids (k,) and positions (k, 3) m."""
-    columns: dict[str, list[float]] = defaultdict(list)
-    positions: list[Array] = []
-    for frame, (ids, position) in sorted(tracks.items()):
-        columns["frame"] += [frame] * len(ids)
-        columns["id"] += np.asarray(ids).tolist()
-        positions.append(np.asarray(position, dtype=np.float64).reshape(-1, 3))
-    n = len(columns["id"])
-    return Mot15Rows(
-        np.array(columns["frame"], dtype=np.int64),
-        np.array(columns["id"], dtype=np.int64),
-        np.full((n, 4), ABSENT),
-        np.ones(n),
-        np.concatenate([np.zeros((0, 3)), *positions]),
-    )
+    ordered = sorted(tracks.items())
+    frame = np.repeat(np.array([frame for frame, _ in ordered], dtype=np.int64), [len(ids) for _, (ids, _) in ordered])
+    ids = np.concatenate([np.zeros(0, dtype=np.int64), *(np.asarray(ids, dtype=np.int64) for _, (ids, _) in ordered)])
+    positions = np.concatenate([np.zeros((0, 3)), *(np.asarray(position, dtype=np.float64).reshape(-1, 3) for _, (_, position) in ordered)])
+    return Mot15Rows(frame, ids, np.full((len(ids), 4), ABSENT), np.ones(len(ids)), positions)
 
 
 def rows_from_boxes(boxes: Mapping[int, tuple[Array, Array]]) -> Mot15Rows:

@@ -15,6 +15,7 @@ import numpy as np
 
 from tracker.geometry import Array
 from tracker.io.csv_tables import read_numbered_table, write_table
+from tracker.io.json_files import JsonObject
 from tracker.io.video_files import packet_times
 from tracker.sequence.calibration import MAX_RATE, MIN_RATE
 from tracker.types.ticks import ROUNDING
@@ -213,12 +214,8 @@ UNEVEN = 0.5
 
 def clock_from(entry: Mapping[str, Any], where: str) -> CameraClock | None:
     """The clock of a camera's entry in recording.json by its `rate` and `offset_s`; None without both."""
-    values = [entry.get(key) for key in ("offset_s", "rate")]
-    if values == [None, None]:
+    fields = JsonObject(dict(entry), where)
+    if entry.get("offset_s") is None and entry.get("rate") is None:
         return None
-    if any(value is not None and (isinstance(value, bool) or not isinstance(value, int | float)) for value in values):
-        raise ValueError(f"{where}: offset_s and rate are {str(values)[:60]}, need a number of seconds and of frames/s")
-    try:
-        return CameraClock(float(values[0] or 0.0), None if values[1] is None else float(values[1]))
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from None
+    offset = fields.number("offset_s", -LONGEST, LONGEST, "seconds") if entry.get("offset_s") is not None else 0.0
+    return CameraClock(offset, fields.number("rate", MIN_RATE, MAX_RATE, "frames/s") if entry.get("rate") is not None else None)

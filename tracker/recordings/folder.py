@@ -40,7 +40,7 @@ from tracker.geometry import Array, Ints, Mask, Pose
 from tracker.geometry.ground import Flat, Ground
 from tracker.io.atomic import new_file, write_text
 from tracker.io.csv_tables import read_terrain, rows_by_frame, write_table
-from tracker.io.json_files import read_json
+from tracker.io.json_files import JsonObject, read_json
 from tracker.io.mot15 import VISIBLE_FILE, Mot15Rows, place_of_row, read_detections, read_mot15, rows_from_boxes, rows_from_tracks, write_mot15
 from tracker.io.picture_folders import say_left_out
 from tracker.io.resume import checksums
@@ -50,7 +50,7 @@ from tracker.recordings.clocks import FILE as TIMES
 from tracker.recordings.clocks import CameraClock, clock_fields, clock_from, read_times, uneven_clock, write_times
 from tracker.recordings.images import ImageFiles, ImageSource, VideoFile, image_sources
 from tracker.recordings.recording import MAX_FRAMES, STATURE, FrameBoxes, FrameVectors, Recording, RecordingCamera, RecordingRobot
-from tracker.sequence.calibration import pose_from, pose_row
+from tracker.sequence.calibration import MAX_RATE, MIN_RATE, pose_from, pose_row
 from tracker.sequence.reader import odometry_from, read_robot_detections
 from tracker.sequence.schema import ODOMETRY, POSE, ROBOT_DETECTIONS
 from tracker.sequence.writer import odometry_row, robot_detection_rows
@@ -65,6 +65,7 @@ OUTSIDE = 1.0
 START_SIGMA = 1e-3
 """m and rad: standard deviation of a robot's start pose that has no covariance."""
 MAX_CAMERAS = 1000
+CAMERA_NAME = r"[^\s/\\,=:]{1,100}"
 LONGEST_VECTOR = 4096
 """Most numbers of an appearance vector."""
 
@@ -80,37 +81,32 @@ def read_recording(path: Path, strict: bool = True) -> Recording:
     Raises ValueError with file and field or line for missing or invalid content.
     """
     file = path / FILE
-    content = _content(file)
-    cameras = {name: camera_from(entry, f"{file}: cameras.{name}") for name, entry in content["cameras"].items()}
-    detections = _detections(path, cameras)
-    area, ground, occluders = content.get("area"), *_ground(path, content.get("ground", 0.0))
-    height = content.get("height", list(STATURE))
-    robots, frames, images = _robots(path), content.get("frames", 0), image_sources(path, cameras)
-    if isinstance(frames, bool) or not isinstance(frames, int) or not 0 <= frames <= MAX_FRAMES:
-        raise ValueError(f"{file}: frames is {frames!r}, needs a whole number up to {MAX_FRAMES}")
-    if not (isinstance(height, list) and len(height) == 2 and all(isinstance(one, int | float) for one in height)):
-        raise ValueError(f"{file}: height is {repr(height)[:80]}, needs two numbers of metres above 0, the lower first")
+    content, entries = _content(file)
+    cameras = {name: camera_from(entry, f"{file}: cameras.{name}") for name, entry in entries.items()}
+    detections, (ground, occluders) = _detections(path, cameras), _ground(path, content)
+    low, high = content.array("height", (2,), meaning="metres, the lower first").tolist() if "height" in content.values else STATURE
+    robots, images = _robots(path), image_sources(path, cameras)
     try:
         recording = Recording(
-            float(content["rate"]),
+            content.number("rate", MIN_RATE, MAX_RATE, "frames per second"),
             cameras,
             detections,
-            frames=frames,
-            area=area,
+            frames=content.whole("frames", 0, MAX_FRAMES) if "frames" in content.values else 0,
+            area=content.values.get("area"),
             ground=ground,
-            height=(float(height[0]), float(height[1])),
+            height=(low, high),
             occluders=occluders,
             images=images,
             robots=robots,
-            clocks=_clocks(path, content["cameras"], images),
-            searched=_searched(content.get("searched"), cameras, f"{file}: searched"),
+            clocks=_clocks(path, entries, images),
+            searched=_searched(content.values.get("searched"), cameras, f"{file}: searched"),
             appearances=_of_boxes(path / "detections", list(cameras), ".npy"),
             covariances=_of_boxes(path / "detections", list(cameras), COVARIANCES),
             visible_parts={name: parts for name in cameras if (parts := read_visible_parts(path / "detections" / f"{name}.txt"))},
             source={"source": "recording", "cameras": list(cameras), "files": _checksums(path)},
         )
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{file}: {error}") from None
+    except ValueError as error:
+        raise ValueError(str(error) if str(error).startswith(f"{path}") else f"{file}: {error}") from None
     if strict:
         try:
             recording.check_heights()
@@ -142,23 +138,20 @@ def _robots_seen(file: Path, recording: Recording) -> dict[str, dict[int, RobotD
     return found
 
 
-def _content(file: Path) -> dict[str, Any]:
-    content = read_json(file)
-    if not isinstance(content, dict):
-        raise ValueError(f"{file}: is a {type(content).__name__}, needs an object with rate and cameras")
-    if unknown := sorted(set(content) - set(KEYS)):
+def _content(file: Path) -> tuple[JsonObject, dict[str, Any]]:
+    """The fields of recording.json, and the entries of its cameras."""
+    content = JsonObject(read_json(file), str(file))
+    if unknown := sorted(set(content.values) - set(KEYS)):
         raise ValueError(f"{file}: field {unknown[0]!r} is unknown, needs one of {', '.join(KEYS)}")
-    if content.get("format", FORMAT) != FORMAT:
-        raise ValueError(f"{file}: format is {str(content['format'])[:80]!r}, needs {FORMAT!r}")
-    rate, cameras = content.get("rate"), content.get("cameras")
-    if isinstance(rate, bool) or not isinstance(rate, int | float):
-        raise ValueError(f"{file}: rate is {repr(rate)[:40]}, needs a number of frames per second")
+    if content.values.get("format", FORMAT) != FORMAT:
+        raise content.refused("format", repr(FORMAT))
+    cameras = content.values.get("cameras")
     if not isinstance(cameras, dict) or not 0 < len(cameras) <= MAX_CAMERAS:
         raise ValueError(f"{file}: cameras is missing or empty, needs an object with an entry for each camera, at most {MAX_CAMERAS}")
     for name in cameras:
-        if not re.fullmatch(r"[^\s/\\,=:]+", name):
+        if not re.fullmatch(CAMERA_NAME, name):
             raise ValueError(f"{file}: camera {name[:40]!r} needs a name without blanks and any of / \\ , = :")
-    return content
+    return content, cameras
 
 
 def _searched(given: Any, cameras: Mapping[str, RecordingCamera], where: str) -> dict[str, frozenset[int]]:
@@ -190,12 +183,11 @@ def _runs(frames: Collection[int]) -> list[list[int]]:
     return [[a + 1, b + 1] for a, b in zip(starts, ends, strict=True)]
 
 
-def _ground(path: Path, ground: Any) -> tuple[Ground, Ground | None]:
-    if isinstance(ground, int | float) and not isinstance(ground, bool) and abs(ground) < 1e6:
-        return Flat(float(ground)), None
-    if isinstance(ground, str) and Path(ground).name == ground and ground.endswith(".npz"):
-        return read_terrain(path / ground)
-    raise ValueError(f"{path / FILE}: ground is {str(ground)[:80]!r}, needs a height in metres or the name of a terrain file (.npz) in the folder")
+def _ground(path: Path, content: JsonObject) -> tuple[Ground, Ground | None]:
+    ground = content.values.get("ground", 0.0)
+    if isinstance(ground, str):
+        return read_terrain(path / content.text("ground", r"[^/\\]+\.npz", "a height in metres or the name of a terrain file (.npz) in the folder"))
+    return Flat(content.number("ground", -1e6, 1e6, "metres") if "ground" in content.values else 0.0), None
 
 
 def _detections(path: Path, cameras: Mapping[str, RecordingCamera]) -> dict[str, FrameBoxes]:
@@ -316,10 +308,8 @@ def _robots(path: Path) -> dict[str, RecordingRobot]:
     file = path / "robots.json"
     if not file.is_file():
         return {}
-    content = read_json(file)
-    if not isinstance(content, dict):
-        raise ValueError(f"{file}: is a {type(content).__name__}, needs an object with an entry for each robot")
-    starts = {name: _start(entry, f"{file}: {name}") for name, entry in content.items()}
+    content = JsonObject(read_json(file), str(file))
+    starts = {name: _start(content.part(name)) for name in content.values}
     if starts and not any(starts.values()):
         raise ValueError(f"{file}: start is null of each robot, needs one with a start, which defines the world frame")
     known = {"robot": starts}
@@ -346,26 +336,18 @@ def _robots(path: Path) -> dict[str, RecordingRobot]:
     }
 
 
-def _start(entry: Any, where: str) -> Start | None:
+def _start(entry: JsonObject) -> Start | None:
     """{"start": null or {"position": [x, y, z], "quaternion": [w, x, y, z], "covariance": (6, 6), optional}}."""
-    needed = 'needs {"start": {"position": [x, y, z], "quaternion": [w, x, y, z]}}'
-    if not isinstance(entry, dict) or "start" not in entry:
-        raise ValueError(f"{where}: field 'start' is missing, {needed}")
-    start, row = entry["start"], list[float]()
-    if start is None:
+    if entry.values.get("start", 0) is None:
         return None
-    for name, count in (("position", 3), ("quaternion", 4)):
-        values = start.get(name) if isinstance(start, dict) else None
-        if not isinstance(values, list) or len(values) != count or not all(isinstance(v, int | float) for v in values):
-            raise ValueError(f"{where}: start.{name} is {repr(values)[:80]}, {needed}")
-        row += map(float, values)
+    start, covariance = entry.part("start"), START_SIGMA**2 * np.eye(6)
+    pose = [*start.array("position", (3,), meaning="x, y, z m").tolist(), *start.array("quaternion", (4,), meaning="w, x, y, z").tolist()]
+    if "covariance" in start.values and not (covariance := start.array("covariance", (6, 6))).any():
+        raise start.refused("covariance", "more than zeros: the robot moves")
     try:
-        covariance = np.array(start.get("covariance", (START_SIGMA**2 * np.eye(6)).tolist()), dtype=np.float64)
-        if not covariance.any():
-            raise ValueError("covariance is zero, needs more than that: the robot moves")
-        return Start(pose_from(row), covariance)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{where}: start: {error}") from None
+        return Start(pose_from(pose), covariance)
+    except ValueError as error:
+        raise ValueError(f"{start.where}: {error}") from None
 
 
 def _checksums(path: Path) -> dict[str, str]:

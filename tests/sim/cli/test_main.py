@@ -240,7 +240,7 @@ def test_score_takes_one_of_two_forms(tmp_path: Path) -> None:
     assert "score takes either" in refused("score", cwd=tmp_path)
     assert "score takes either" in refused("score", "--truth", "a.txt", cwd=tmp_path)
     (tmp_path / "a.txt").write_text("1,1,0,0,5,5,1,0,0\n")
-    assert "a.txt:line 1: 9 values, needs 10" in refused("score", "--truth", "a.txt", "--result", "a.txt", cwd=tmp_path)
+    assert "a.txt:1: 9 values, needs 10" in refused("score", "--truth", "a.txt", "--result", "a.txt", cwd=tmp_path)
     assert "b.txt" in refused("score", "--truth", "b.txt", "--result", "a.txt", cwd=tmp_path)
     (tmp_path / "d").mkdir()
     assert refused("score", "--truth", "d", "--result", "a.txt", cwd=tmp_path) == "error: d: Is a directory"

@@ -46,7 +46,7 @@ def test_detections_are_no_tracks(tmp_path: Path) -> None:
     (tmp_path / "det.txt").write_text("\n1,-1,10,10,5,9,0.9,2,3,0\n")
     done = pilsim("score", "--truth", str(tmp_path / "gt.txt"), "--result", str(tmp_path / "det.txt"))
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-    assert "det.txt:line 2: id is -1" in done.stderr
+    assert "det.txt:2: id is -1" in done.stderr
 
 
 @pytest.mark.command

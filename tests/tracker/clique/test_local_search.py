@@ -62,16 +62,6 @@ def test_conflicts_edges_and_matrices_give_the_same_graph() -> None:
         np.testing.assert_array_equal(a, b)
 
 
-def test_repeated_pairs_count_once_and_isolated_vertices_are_cliques() -> None:
-    graph = Graph.from_conflicts([2.0, 3.0, 4.0], [[0, 2], [2, 0], [1, 2], [0, 2]])
-    assert graph.conflict.tolist() == [2, 2, 0, 1]
-    for result in (exact(graph), search(graph, Limits(moves=100))):
-        assert result.vertices.tolist() == [0, 1]
-    heavier = Graph.from_conflicts([2.0, 3.0, 6.0], [[0, 2], [1, 2]])
-    for result in (exact(heavier), search(heavier, Limits(moves=100))):
-        assert result.vertices.tolist() == [2]
-
-
 def test_subgraphs_and_connected_components() -> None:
     graph = Graph.from_conflicts([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [[0, 3], [3, 4], [1, 2]])
     some = graph.within(np.array([0, 3, 4]))
@@ -79,16 +69,6 @@ def test_subgraphs_and_connected_components() -> None:
     for rows, parts in ((np.arange(6), [0, 1, 1, 0, 0, 2]), (np.array([0, 4, 1]), [0, 1, 2]), (np.zeros(0, dtype=np.int64), [])):
         assert component_labels(graph.start, graph.conflict, rows).tolist() == parts
     assert len(graph.within(np.zeros(0, dtype=np.int64))) == 0
-
-
-def test_bad_matrices_are_refused() -> None:
-    with pytest.raises(ValueError, match="vertex 1 is paired with itself"):
-        Graph.from_matrix([1.0, 1.0], np.diag([False, True]))
-    with pytest.raises(ValueError, match="weight of vertex 0 is 0"):
-        Graph.from_matrix([0.0, 1.0], np.zeros((2, 2), dtype=bool))
-    for conflict in (np.array([[False, True], [False, False]]), np.zeros((3, 3), dtype=bool)):
-        with pytest.raises(ValueError, match="needs a symmetric matrix of 2 rows"):
-            Graph.from_matrix([1.0, 1.0], conflict)
 
 
 def test_renaming_vertices_renames_the_clique() -> None:

@@ -2,16 +2,8 @@
 
 import hashlib
 import json
-import resource
-import struct
-import subprocess
-import sys
-import zipfile
-import zlib
-from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from tests.tracker import disc_sequence
@@ -19,8 +11,6 @@ from tracker.datasets.validation import validate
 from tracker.sequence.dataset import Dataset
 from tracker.sequence.manifest import manifest_checksum
 from tracker.sequence.writer import ImageForm
-
-ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture
@@ -65,15 +55,6 @@ def test_changed_truncated_and_missing_files_are_found(folder: Path, name: str) 
     assert faults(folder) == [f"{name}: {len(data) - 9} bytes, the manifest says {len(data)}: truncated or changed"]
     path.unlink()
     assert f"{name}: missing, though the manifest names it" in faults(folder)
-
-
-def test_all_faults_are_reported(folder: Path) -> None:
-    (folder / "images/View_001/000001.jpg").unlink()
-    (folder / "odometry.csv").write_text("")
-    (folder / "notes.txt").write_text("mine")
-    found = faults(folder)
-    assert len(found) == 3
-    assert [line.split(":")[0] for line in found] == ["images/View_001/000001.jpg", "odometry.csv", "notes.txt"]
 
 
 @pytest.mark.parametrize(
@@ -148,61 +129,6 @@ def test_exchanged_images_are_found(folder: Path) -> None:
     sealed(folder)
     found = [line for line in faults(folder) if "View_001" in line]
     assert {line.split(":")[1].strip() for line in found} == {"frame 1 of View_001", "frame 2 of View_001"}, found
-
-
-def huge_png() -> bytes:
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
-    header = struct.pack(">IIBBBBB", 60000, 60000, 16, 0, 0, 0, 0)
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(bytes(1 << 20))) + chunk(b"IEND", b"")
-
-
-def bomb(path: Path) -> None:
-    """2 GiB of zeros for heights, in 2 MB."""
-    header = b"\x93NUMPY\x01\x00" + struct.pack("<H", 118) + b"{'descr': '<f8', 'fortran_order': False, 'shape': (16384, 16384), }".ljust(117) + b"\n"
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("heights.npy", "w", force_zip64=True) as member:
-        member.write(header)
-        for _ in range(2048):
-            member.write(bytes(1 << 20))
-
-
-HOSTILE: dict[str, tuple[str, Callable[[Path], object], str]] = {
-    "image": ("instances/View_001/000001.png", lambda path: path.write_bytes(huge_png()), "far more than 33554432 px"),
-    "columns": ("truth/people.csv", lambda path: path.write_text(",".join(["x"] * 10_000_000)), "line 1: a line of more than 65536 characters"),
-    "arrays": ("terrain.npz", bomb, "bytes when unpacked, needs at most 268435456"),
-    "nesting": ("scenario.json", lambda path: path.write_text("[" * 1_000_000), "nested too deep"),
-    "nan": (
-        "terrain.npz",
-        lambda path: np.savez(path, heights=np.full((9, 9), np.nan)),
-        "terrain.npz: heights holds NaN or infinity, needs finite numbers",
-    ),
-}
-
-
-@pytest.mark.command
-@pytest.mark.parametrize("kind", HOSTILE)
-def test_malicious_files_need_little_memory(folder: Path, kind: str) -> None:
-    """Refused within seconds, by a process that may have 1 GiB more than it has when it starts."""
-    name, damage, said = HOSTILE[kind]
-    damage(folder / name)
-    sealed(folder)
-    limit = 4 << 30
-    program = (
-        f"import sys, pathlib; from tracker.datasets.validation import validate\nfor fault in validate(pathlib.Path({str(folder)!r})): print(fault)"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)),
-    )
-    assert done.returncode == 0, done.stderr
-    assert said in done.stdout
-    assert len(done.stdout) < 2000
 
 
 def test_faults_of_a_dataset(tmp_path: Path) -> None:

@@ -63,9 +63,3 @@ def test_a_box_behind_a_camera_has_no_pixels() -> None:
     ahead, camera = pinhole(640, 480, 1.0), Panorama(1024, 512)
     around = detections_from_boxes(camera, np.array([[0.0, 220.0, 20.0, 60.0], [502.0, 220.0, 20.0, 60.0]]), np.ones(2))
     assert np.isfinite(approximate_pixel_boxes(ahead, around)[0]).all(axis=1).sum() == 1
-
-
-def test_no_boxes() -> None:
-    camera = pinhole(640, 480, 1.0)
-    middle, size = approximate_pixel_boxes(camera, detections_from_boxes(camera, np.zeros((0, 4)), np.zeros(0)))
-    assert middle.shape == size.shape == (0, 2)

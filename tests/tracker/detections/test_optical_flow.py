@@ -124,9 +124,3 @@ def test_links_of_boxes_become_links_of_tracks() -> None:
     owners.add("a", np.array([-1, 7]))
     np.testing.assert_array_equal(owners.links("a", np.array([7]), (np.array([[0.0], [8.0]]), links[0][:, :1], links[1][:, :1]), 0.0), [[8]])
     assert owners.links("b", np.array([7]), links[:1], 0.0).tolist() == [[0, 0]]
-
-
-@pytest.mark.parametrize(("name", "value"), [("l_c", 0), ("l_c", 16), ("omega", 0.0), ("delta_min", -1.0), ("sigma", float("nan"))])
-def test_parameters_out_of_bounds(name: str, value: float) -> None:
-    with pytest.raises(ValueError, match=f"{name} is {value}"):
-        TrackletParameters(**{name: value})  # type: ignore[arg-type]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tracker.detections import range_likelihood
-from tracker.detections.range_likelihood import MIN_SIGMA, BoxEdges, RangeLikelihood, Statures, infer_ranges
+from tracker.detections.range_likelihood import BoxEdges, RangeLikelihood, Statures, infer_ranges
 from tracker.geometry import Array, bearing_from_angles
 from tracker.geometry.ground import Flat, Grid
 
@@ -122,15 +122,6 @@ def test_on_a_plane_the_distance_is_where_the_lower_edge_meets_the_ground() -> N
     assert found.feet_hidden.max() < 1e-6
     # A box that fits no stature at any distance has no place.
     assert not ranges_of(Flat(), Flat(), np.array([0.0, 0.0, 1.5]), np.zeros(1), (np.array([0.2]), np.array([0.3]))).possible[0]
-
-
-def test_standard_deviations_are_at_least_a_millimetre(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The edges leave a single grid point."""
-    away, sharp = 8.0, Statures(1.72, 1e-3)
-    for name, value in {"FOOT_SIGMA": 0.0, "HEAD_SIGMA": 1e-3, "OUTLIER_SHARE": 0.0}.items():
-        monkeypatch.setattr(range_likelihood, name, value)
-    edges = BoxEdges(np.zeros(1), np.zeros(1), np.arctan([-1.5 / away]), np.arctan([0.22 / away]), np.full(1, 1e-4**2), np.zeros(1))
-    assert infer_ranges((Flat(), Flat()), np.array([0.0, 0.0, 1.5]), edges, 0.0, sharp).sigma[0] >= MIN_SIGMA
 
 
 def test_a_person_under_an_arch_is_possible_though_the_map_has_only_its_top() -> None:

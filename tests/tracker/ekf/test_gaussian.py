@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.tracker.kalman import condition
-from tracker.ekf.gaussian import block_diagonal, gate, mahalanobis2, nees, robust_weights, subtract, whitened
+from tracker.ekf.gaussian import gate, mahalanobis2, nees, robust_weights, subtract, whitened
 
 
 @pytest.fixture
@@ -20,12 +20,6 @@ def positive(rng: np.random.Generator, n: int) -> np.ndarray:
 def test_gate_is_the_quantile_of_chi_square() -> None:
     # With two degrees of freedom the distribution is 1 − exp(−x/2).
     assert gate(2, 0.99) == pytest.approx(-2 * np.log(0.01))
-
-
-@pytest.mark.parametrize(("dof", "probability"), [(0, 0.9), (2, 1.0), (2, 0.0), (2, float("nan"))])
-def test_gate_rejects_bad_arguments(dof: int, probability: float) -> None:
-    with pytest.raises(ValueError, match="gate of"):
-        gate(dof, probability)
 
 
 def test_the_updated_covariance_equals_josephs_form(rng: np.random.Generator) -> None:
@@ -53,20 +47,6 @@ def test_the_covariance_stays_positive_after_ten_thousand_precise_updates(rng: n
         subtract(P, whitened(H @ P, H @ P @ H.T + 1e-6 * np.eye(2)))
         P += 1e-6 * np.eye(30)
     assert np.linalg.eigvalsh(P).min() > 0
-
-
-def test_a_covariance_that_is_not_contiguous_is_an_error(rng: np.random.Generator) -> None:
-    with pytest.raises(ValueError, match="not contiguous"):
-        subtract(positive(rng, 8)[:5, :5], np.ones((2, 5)))
-
-
-@pytest.mark.parametrize("n", [1, 127, 128, 129, 300])
-def test_the_covariance_stays_exactly_symmetric(rng: np.random.Generator, n: int) -> None:
-    P, A = positive(rng, n), rng.normal(size=(4, n))
-    got = P.copy()
-    subtract(got, A)
-    np.testing.assert_allclose(got, P - A.T @ A, atol=1e-9)
-    np.testing.assert_array_equal(got, got.T)
 
 
 def test_condition_is_the_product_of_two_gaussians() -> None:
@@ -107,8 +87,3 @@ def test_weights_find_the_outlier_that_the_state_could_explain(rng: np.random.Ge
     weights = robust_weights(H @ H.T * 100, noise, innovation, 3.0)
     assert weights[3] < 0.01
     assert (np.delete(weights, 3) > 0.5).all()
-
-
-def test_block_diagonal() -> None:
-    blocks = np.array([[[1.0, 2], [3, 4]], [[5.0, 6], [7, 8]]])
-    np.testing.assert_array_equal(block_diagonal(blocks), [[1, 2, 0, 0], [3, 4, 0, 0], [0, 0, 5, 6], [0, 0, 7, 8]])

@@ -109,21 +109,6 @@ def test_sliding_downhill_is_estimated_from_known_landmarks() -> None:
     assert np.linalg.norm(joint.translation[0] - place) < 0.005
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("time_constants", (1.0,) * 7),
-        ("sigma_ratios", (0.0,) * 8),
-        ("white_shares", (np.nan,) * 7),
-        ("downhill_sigma", 0.0),
-        ("downhill_time", np.inf),
-    ],
-)
-def test_parameters_have_bounds(name: str, value: float | tuple[float, ...]) -> None:
-    with pytest.raises(ValueError, match=f"{name} is .*, needs"):
-        BiasModel(**{name: value})  # type: ignore[arg-type]
-
-
 def test_the_jacobian_of_gravity_in_its_biases_against_differences() -> None:
     """ "Up" alone, exactly as predicted: the derivative of the residual in the two biases of "up"."""
     joint = JointState(1, 1, None, "fej", RULE)

@@ -98,15 +98,6 @@ def test_removal_marginalises_and_renumbers(rng: np.random.Generator) -> None:
     np.testing.assert_array_equal(state.point[:2], points[[2, 1]])
 
 
-def test_a_full_map_is_an_error(rng: np.random.Generator) -> None:
-    state = state_with_map(rng)
-    columns = state.columns(0, np.zeros(0, dtype=np.intp))
-    while state.count < state.capacity:
-        state.add_landmark(np.zeros(3), columns, np.zeros((3, len(columns))), np.eye(3))
-    with pytest.raises(ValueError, match="map holds 6"):
-        state.add_landmark(np.zeros(3), columns, np.zeros((3, len(columns))), np.eye(3))
-
-
 @pytest.mark.parametrize("correction", [None, (0.02, 0.02, 0.01)])
 def test_one_iteration_is_the_plain_ekf_update(rng: np.random.Generator, correction: Sigma) -> None:
     state = state_with_map(rng, correction)

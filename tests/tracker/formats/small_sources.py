@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from tests.tracker import sequences
 from tests.tracker.planar_slam import mrclam
-from tracker.formats.aicity.files import AiCityCamera, AiCityObject, write_ground_truth
+from tracker.formats.aicity.files import AiCityObject, write_ground_truth
 from tracker.formats.aicity.files import write_calibration as write_aicity_calibration
 from tracker.formats.jrdb.files import DETECTIONS, LABELS_2D, LABELS_3D, Label2d, Label3d, write_detections_2d, write_labels_2d, write_labels_3d
 from tracker.formats.jrdb.reading import ABOVE_FLOOR
 from tracker.formats.pets2009 import Site, write_annotations, write_site
-from tracker.formats.wildtrack.files import OpenCvCamera, WildtrackPosition, write_calibration, write_positions
-from tracker.geometry import Array
+from tracker.formats.wildtrack.files import WildtrackPosition, write_calibration, write_positions
+from tracker.geometry import Array, Pose
 from tracker.geometry.cameras import Cylinder, Pinhole, Tsai
 from tracker.geometry.ground import Flat
 from tracker.geometry.image_boxes import body_boxes
@@ -63,8 +64,8 @@ def write_multiviewx(folder: Path, names: tuple[str, str] = ("Camera1", "Camera2
     folder.mkdir()
     scene, wildtrack = recording(), scale != 1.0
     for name, camera in zip(names, scene.cameras.values(), strict=True):
-        given, _ = OpenCvCamera.of(LENS, camera.pose)
-        write_calibration(folder / "calibrations", name, OpenCvCamera(given.matrix, given.distortion, given.rvec, scale * given.tvec))
+        scaled = replace(camera, pose=Pose(camera.pose.rotation, scale * camera.pose.translation))
+        write_calibration(folder / "calibrations", name, scaled)
     (folder / "annotations_positions").mkdir()
     for frame, (ids, places) in (scene.truth or {}).items():
         # Points of 2.5 cm: MultiviewX has 1000 in a row from (0, 0), WILDTRACK 480 from (-3, -9).
@@ -101,11 +102,7 @@ def write_jrdb(folder: Path) -> Path:
 def write_aicity(folder: Path) -> Path:
     folder.mkdir()
     scene = recording()
-    cameras = []
-    for name, camera in scene.cameras.items():
-        R, t = camera.opencv_extrinsics
-        cameras.append(AiCityCamera(name, LENS.matrix, R, t, LENS.width, LENS.height, scene.rate))
-    write_aicity_calibration(folder / "calibration.json", cameras)
+    write_aicity_calibration(folder / "calibration.json", scene.rate, scene.cameras)
     size = np.array([0.6, 0.6, 1.75])
     people = {
         f: [AiCityObject("Person", int(n), at + size * UP, size, np.zeros(3)) for n, at in zip(*found, strict=True)]

@@ -16,7 +16,7 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.tracker.formats.scene import FRAMES
-from tracker.formats.coco import CocoFile, PersonAnnotation, Rle, encode_counts, encode_masks
+from tracker.formats.coco import encode_counts, encode_masks
 from tracker.sequence.truth_tables import read_boxes, read_keypoints
 
 Exported = Callable[[str], Path]
@@ -115,11 +115,3 @@ def test_compressed_counts_equal_those_of_pycocotools(image: np.ndarray) -> None
         assert rle.area == (image == person).sum()
         theirs = mask.encode(np.asfortranarray((image == person).astype(np.uint8)))
         assert theirs == {"size": [rle.height, rle.width], "counts": encode_counts(rle.counts).encode()}
-
-
-def test_ids_above_the_float_limit_are_refused() -> None:
-    content = CocoFile()
-    content.add_image(content.add_video("v", "c", "s"), "f", (8, 6), 0)
-    mask = Rle(6, 8, (48,))
-    with pytest.raises(ValueError, match="person is 9007199254740992, needs 0 to less than 2"):
-        content.add(1, PersonAnnotation(2**53, np.zeros(4), np.zeros(4), 1.0, 1.0, mask, np.zeros((17, 2)), np.zeros(17, dtype=np.int64)))

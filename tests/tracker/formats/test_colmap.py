@@ -7,11 +7,11 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from tests.tracker.formats.scene import FRAMES
-from tracker.formats.colmap import ColmapCamera, ColmapImage, colmap_camera
-from tracker.geometry import Array, Pose
+from tracker.formats.colmap import colmap_camera
+from tracker.geometry import Array
 from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Camera, Fisheye, Panorama, Pinhole
 from tracker.geometry.cube_faces import FACES, face_camera
 from tracker.sequence.reader import read_sequence
@@ -120,27 +120,6 @@ def test_models_project_alike(camera: Camera, model: str) -> None:
     pixels = np.array([[10.0, 20.0], [160.0, 120.0], [100.5, 30.25]])
     optical = camera.bearings_from_pixels(pixels) @ OPTICAL_FROM_CAMERA.T
     assert_allclose(theirs.img_from_cam(optical), pixels + 0.5, atol=1e-6)
-
-
-def test_a_panorama_has_no_model() -> None:
-    with pytest.raises(ValueError, match="camera is equirectangular, needs a pinhole or a fisheye"):
-        colmap_camera(Panorama(512, 256))
-
-
-def test_names_with_blanks_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"name of an image is 'C 1/000000\.jpg', needs one without blanks for COLMAP"):
-        ColmapImage("C 1/000000.jpg", 1, Pose.identity())
-    with pytest.raises(ValueError, match="camera has 3 parameters, PINHOLE needs 4"):
-        ColmapCamera("PINHOLE", 320, 240, (1.0, 2.0, 3.0))
-
-
-def test_text_and_binary_hold_the_same(exported: Exported) -> None:
-    folder = exported("colmap") / "plaza" / "sparse" / "0"
-    models = [pycolmap.Reconstruction(), pycolmap.Reconstruction()]
-    models[0].read_text(str(folder))
-    models[1].read_binary(str(folder))
-    for key, image in models[0].images.items():
-        assert_array_equal(image.cam_from_world().params, models[1].images[key].cam_from_world().params)
 
 
 def test_rigs_are_those_of_the_robots(exported: Exported, model: Any) -> None:

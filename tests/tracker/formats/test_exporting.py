@@ -96,11 +96,3 @@ def test_invalid_exports_are_refused(sequence: Path, tmp_path: Path) -> None:
     (tmp_path / "out" / "mine").write_text("x")
     with pytest.raises(ValueError, match="out: is there already"):
         export(sequence, "tum", tmp_path / "out")
-
-
-def test_remains_of_an_interrupted_export_are_removed(sequence: Path, tmp_path: Path) -> None:
-    (tmp_path / ".out.partial").mkdir()
-    (tmp_path / ".out.partial" / "half").write_text("")
-    export(sequence, "tum", tmp_path / "out")
-    assert not (tmp_path / "out" / "half").exists()
-    assert [p.name for p in tmp_path.iterdir()] == ["out"]

@@ -130,16 +130,12 @@ def test_distortion_without_inverse_is_refused(written: Callable[[str], Path]) -
         ('focal="5.5549183034e+00" ', "", "line 4: field Intrinsic.focal is missing"),
         ('rz="-0.43056124791"', "", "line 5: field Extrinsic.rz is missing"),
         ('kappa1="5.1113043639e-03"', 'kappa1="nan"', "line 4: field Intrinsic.kappa1 is 'nan', needs a finite number"),
-        ('tz="3.5469298547e+04"', 'tz="far"', "line 5: field Extrinsic.tz is 'far', needs a finite number"),
         ('width="768"', 'width="768.5"', "line 3: field Geometry.width is 768.5, needs a whole number"),
         ('width="768"', 'width="0"', "field image size is 0 x 576"),
         ('sx="1.0937855397e+00"', 'sx="-1"', "field sx is -1.0, needs more than 0"),
         (' name="View_001"', "", "line 2: field Camera.name is missing"),
-        ("Extrinsic", "Extra", "line 2: field Extrinsic is missing in Camera"),
         ("Camera", "Kamera", "field Camera is missing"),
         ("</Camera>", "", "is not XML"),
-        (CAMERA, "1,2,3\n", "is not XML"),
-        (CAMERA, "", "is not XML"),
         ('encoding="UTF-8"', 'encoding="UTF-99"', "is not XML"),
     ],
 )
@@ -176,15 +172,10 @@ def test_older_spelling_of_centres_is_read(written: Callable[[str], Path]) -> No
     [
         ('number="1"', 'number="0"', "line 9: field frame.number 0 occurs twice"),
         ('number="1"', 'number="-1"', "line 9: field frame.number -1 is below 0"),
-        ('number="1"', "", "line 9: field frame.number is missing"),
         ('id="15"', 'id="9"', "line 6: field object.id 9 occurs twice in frame 0"),
-        ('id="15"', 'id="x"', "line 6: field object.id is 'x'"),
         ('w="32.5"', 'w="-32.5"', "line 6: field box.w is -32.5, needs more than 0"),
-        ('h="88.5"', 'h="0"', "line 6: field box.h is 0.0, needs more than 0"),
-        ('xc="274.5"', 'xc="nan"', "line 6: field box.xc is 'nan'"),
         ('yc="263.25"', "", "line 6: field box.yc is missing"),
         ('<box h="88.5" w="32.5" xc="274.5" yc="263.25"/>', "", "line 6: field box is missing in object"),
-        ("</dataset>", "", "is not XML"),
     ],
 )
 def test_errors_of_annotations_name_the_field(written: Callable[[str], Path], old: str, new: str, text: str) -> None:

@@ -27,11 +27,18 @@ def test_default_pillars(tmp_path: Path) -> None:
     assert read_site(tmp_path).pillars.shape == (0, 5)
 
 
-WRONG = [[[1, 2, 0.1, 0]], [[1, 2, 0, 0, 2]], [[1, 2, 0.1, 2, 2]], [[1, 2, 0.1, 0, "x"]], "x", {"a": 1}]
-
-
-@pytest.mark.parametrize("rows", WRONG)
-def test_invalid_pillars_are_refused(tmp_path: Path, rows: object) -> None:
-    (tmp_path / "site.json").write_text(json.dumps({"rate": 7, "area": [[0, 0], [1, 1]], "terrain": None, "pillars": rows}))
-    with pytest.raises(ValueError, match=r"site.json: pillars is .*, needs rows of x, y, radius, low and high in metres"):
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"pillars": [[1, 2, 0.1, 0]]}, "pillars is .*, needs 1 x 5 numbers .*: rows of x, y, radius, low and high in metres"),
+        ({"pillars": [[1, 2, 0, 0, 2]]}, "pillars is .*, needs rows of x, y, radius, low and high in metres"),
+        ({"pillars": "x"}, "pillars is 'x', needs"),
+        ({"rate": None}, "rate is missing"),
+        ({"area": [[0, 0], [0, 1]]}, "area is .*needs two corners"),
+        ({"terrain": "../terrain.npz"}, "terrain is '../terrain.npz', needs 'terrain.npz' or null"),
+    ],
+)
+def test_invalid_sites_are_refused(tmp_path: Path, change: dict[str, object], message: str) -> None:
+    (tmp_path / "site.json").write_text(json.dumps({"rate": 7, "area": [[0, 0], [1, 1]], "terrain": None} | change))
+    with pytest.raises(ValueError, match=rf"site.json: {message}"):
         read_site(tmp_path)

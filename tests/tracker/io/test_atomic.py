@@ -75,13 +75,6 @@ def test_file_appears_when_complete(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["plot.png"]
 
 
-def test_empty_folder_is_replaced(tmp_path: Path) -> None:
-    (tmp_path / "out").mkdir()
-    with new_folder(tmp_path / "out") as folder:
-        (folder / "file").write_text("x")
-    assert (tmp_path / "out" / "file").exists()
-
-
 def test_a_failure_of_the_system_keeps_what_was_made(tmp_path: Path) -> None:
     def fill(path: Path) -> None:
         with new_folder(path) as partial:

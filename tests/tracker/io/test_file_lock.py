@@ -75,12 +75,6 @@ def test_one_holder_at_a_time_though_the_file_is_removed_at_each_release(tmp_pat
     assert list(tmp_path.iterdir()) == [count]
 
 
-def test_an_error_releases_the_lock(tmp_path: Path) -> None:
-    with pytest.raises(RuntimeError), file_lock(tmp_path / ".lock"):
-        raise RuntimeError("an error inside the lock")
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_holder_that_has_not_written_its_id_yet_is_unknown(tmp_path: Path) -> None:
     path = tmp_path / ".lock"
     with FileLock(path), pytest.raises(Locked, match=r"is being written by another pilsim \(process unknown\)") as error, file_lock(path):

@@ -31,11 +31,3 @@ def test_the_first_large_step_back(rows: list[tuple[int, int]]) -> None:
     assert (found and found[0]) == wanted
     if found:
         assert times[found[1]] == times[: found[0]].max()
-
-
-def test_a_note_has_what_was_done() -> None:
-    assert (
-        time_order(np.array([[0.0, 1], [0.2, 1], [0.1, 1], [0.2, 1]])).note("a")
-        == "a: 1 row out of order by up to 0.10 s sorted, 1 repeated row merged"
-    )
-    assert time_order(np.array([[0.0, 1], [0.0, 2]])).note("a") == ""

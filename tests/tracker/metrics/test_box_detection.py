@@ -110,13 +110,6 @@ def test_moda_and_modp_of_a_drawn_table():
     assert best_moda([TABLE]) == (pytest.approx(1 / 3), 0.7)
 
 
-def test_matching_maximizes_the_pairs():
-    """The sure box overlaps both bodies, the other one the first alone: one by one, one body is lost; the most pairs are two."""
-    truth = np.array([[0, 0, 10, 10], [3, 0, 13, 10.0]])
-    image = ImageBoxes.of(truth, np.array([[1, 0, 11, 10], [-2, 0, 8, 10.0]]), np.array([0.9, 0.8]))
-    assert count_boxes([image], 0.0).matches.sum() == 2
-
-
 def test_ignored_bodies_and_places_that_are_not_judged_count_neither_way():
     hidden = ImageBoxes(
         TABLE.truth, TABLE.found, TABLE.score, np.array([1, 0.3, 1]), TABLE.counts, np.array([True, False, True, True]),
@@ -159,13 +152,6 @@ def test_reliability_of_calibrated_scores():
     bold = reliability(JudgedBoxes((1 + score) / 2, hit, np.zeros(40_000, int), np.ones(1)))
     assert bold.expected_error == pytest.approx(0.25, abs=0.01)
     assert reliability(JudgedBoxes(10 * score, hit, np.zeros(40_000, int), np.ones(1))) is None
-
-
-def test_boxes_that_are_no_boxes():
-    with pytest.raises(ValueError, match="found has a box with a negative width"):
-        ImageBoxes.of(np.zeros((0, 4)), np.array([[5, 0, 2, 4.0]]), np.ones(1))
-    with pytest.raises(ValueError, match="score has a number that is not finite"):
-        ImageBoxes.of(np.zeros((0, 4)), np.array([[0, 0, 2, 4.0]]), np.array([np.nan]))
 
 
 def test_outcome_names_each_box_and_body_once() -> None:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tracker.formats.aicity.person_boxes import PERSON, boxes_of_tracks, headings, person_boxes
+from tracker.formats.aicity.person_boxes import PERSON, boxes_of_tracks, headings
 from tracker.geometry import Array
 from tracker.metrics.boxes_3d import hota_3d, overlap_3d
 from tracker.metrics.matching import MatchingFrame
@@ -68,28 +68,6 @@ def test_footprints_intersect_as_in_opencv() -> None:
     assert checked > 500
 
 
-def test_volume_agrees_with_sampling() -> None:
-    rng = np.random.default_rng(1)
-    points = rng.uniform(-2.5, 2.5, (400_000, 3))
-
-    def inside(b: Array) -> Array:
-        c, s = np.cos(b[6]), np.sin(b[6])
-        local = (points - b[:3]) @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        return np.asarray((np.abs(local) <= b[3:6] / 2).all(axis=1))
-
-    for a, b in zip(random_boxes(rng, 8) * 0.8, random_boxes(rng, 8) * 0.8, strict=True):
-        both, either = (inside(a) & inside(b)).sum(), (inside(a) | inside(b)).sum()
-        assert overlap_3d(a[None], b[None])[0, 0] == pytest.approx(both / either, abs=0.02)
-
-
-def test_bad_boxes_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"estimate boxes of shape \(1, 7\) need \(1, 7\) and sizes above 0"):
-        overlap_3d(box(), box(size=(1.0, 0.0, 1.0)))
-    with pytest.raises(ValueError, match=r"truth boxes of shape \(1, 4\) need \(1, 7\)"):
-        overlap_3d(np.ones((1, 4)), box())
-    assert overlap_3d(np.zeros((0, 7)), box()).shape == (0, 1)
-
-
 def test_yaw_follows_the_displacement_and_stays_while_standing() -> None:
     """Person 1 stands, walks along +y, stands with 5 cm of noise, and walks back; person 2 never moves."""
     path = [(0, 0), (0.05, 0), (0, 0.3), (0.05, 0.32), (0, 0.28), (0, 0.0)]
@@ -98,11 +76,6 @@ def test_yaw_follows_the_displacement_and_stays_while_standing() -> None:
     assert_allclose([yaw[0] for yaw in headings(tracks).values()], [up, up, up, up, up, -up], atol=1e-9)
     assert_allclose([yaw[0] for yaw in headings(tracks, online=True).values()], [0, 0, up, up, up, -up], atol=1e-9)
     assert all(yaw[1] == 0 for yaw in headings(tracks).values())
-
-
-def test_a_person_is_a_box_on_the_ground() -> None:
-    boxes = person_boxes(np.array([[1.0, 2.0, 0.5]]), np.array([0.3]))
-    assert_allclose(boxes, [[1.0, 2.0, 0.5 + PERSON[2] / 2, *PERSON, 0.3]])
 
 
 def frames_of(truth: dict[int, Array], estimate: dict[int, Array], counts: list[bool] | None = None) -> list[MatchingFrame]:

@@ -44,18 +44,6 @@ def test_counts_equal_those_of_all_matchings() -> None:
     assert pairs > 60
 
 
-def test_scores_by_hand() -> None:
-    """Three people: one found exactly, one at 10 cells, one at 21; a pair at exactly the gate counts and adds nothing to MODP."""
-    truth = np.array([[100, 100], [200, 200], [300, 300]])
-    score = score_ground_detections([frame(truth, np.array([[100, 100], [200, 210], [321, 300]]))])
-    assert score.moda == pytest.approx((3 - 1 - 1) / 3)
-    assert score.modp == pytest.approx(0.75)
-    assert (score.precision, score.recall) == (pytest.approx(2 / 3), pytest.approx(2 / 3))
-    at_gate = score_ground_detections([frame(truth, np.array([[100, 100], [212, 216], [320, 300]]))])
-    assert (at_gate.moda, at_gate.matches) == (1, 3)
-    assert at_gate.modp == pytest.approx(1 / 3, abs=1e-6)
-
-
 def test_frames_without_detections_are_left_out_as_in_the_kit() -> None:
     whole = frame(np.array([[10, 10]]), np.array([[10, 10]]))
     empty = frame(np.array([[10, 10], [50, 50]]), np.zeros((0, 2)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 
 import numpy as np
@@ -11,9 +10,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tracker.geometry import Pose
-from tracker.metrics.trajectory import RobotScore, align, score_each, score_robots
-
-KEYS = ["ate_m", "ate_aligned_m", "ate_yaw_m", "rpe_m", "rpe_between_m", "nees_per_dof", "way_m", "ate_share", "nees_low", "nees_high"]
+from tracker.metrics.trajectory import RobotScore, align, score_robots
 
 
 def walk(rng: np.random.Generator, length: int = 20) -> list[Pose]:
@@ -26,13 +23,6 @@ def walk(rng: np.random.Generator, length: int = 20) -> list[Pose]:
 
 def team(rng: np.random.Generator, robots: int = 3) -> dict[str, list[Pose]]:
     return {f"r{i}": walk(rng) for i in range(robots)}
-
-
-def test_the_truth_scores_zero() -> None:
-    truth = team(np.random.default_rng(0))
-    s = score_robots(truth, truth, {r: [np.eye(6)] * 20 for r in truth})
-    assert_allclose([s.ate_m, s.ate_aligned_m, s.rpe_m, s.nees_per_dof], 0, atol=1e-9)
-    assert (s.robots, s.frames, s.absent, s.steps, s.nees_frames) == (3, 60, 0, 57, 60)
 
 
 def test_by_hand() -> None:
@@ -95,16 +85,6 @@ def test_errors_between_robots_by_hand() -> None:
     assert math.isnan(score_robots({"r0": truth["r0"]}, truth).rpe_between_m)
 
 
-def test_robots_scores_add_up_to_the_team() -> None:
-    # r0 goes 3 m and is 0.3 m off, r1 stands: 0.15 m of 1.5 m.
-    truth = {"r0": [Pose.planar(k, 0, 0) for k in range(4)], "r1": [Pose.identity()] * 4}
-    estimate = {"r0": [Pose.planar(k, 0.3, 0) for k in range(4)], "r1": truth["r1"]}
-    each, s = score_each(truth, estimate, {"r0": [np.eye(6)] * 4}), score_robots(truth, estimate, {"r0": [np.eye(6)] * 4})
-    assert_allclose([each["r0"].ate_m, each["r0"].way_m, each["r0"].ate_share, s.ate_m, s.way_m, s.ate_share], [0.3, 3, 0.1, 0.15, 1.5, 0.1])
-    assert math.isnan(each["r1"].ate_share)
-    assert (each["r0"].runs, each["r1"].runs, s.runs) == (1, 0, 1)
-
-
 def test_the_band_contains_consistent_runs() -> None:
     # Whole runs are one error each: of 400 means of ten such runs 95 % lie inside, ± 4 standard deviations √(0.95 · 0.05 / 400).
     rng = np.random.default_rng(7)
@@ -158,11 +138,6 @@ def test_alignment_of_too_few_or_collinear_points(n: int) -> None:
     assert_allclose(align(points, T.apply(points)).apply(points), T.apply(points), atol=1e-9)
 
 
-def test_a_mirror_is_not_an_alignment() -> None:
-    points = np.random.default_rng(3).normal(0, 1, (10, 3))
-    assert_allclose(np.linalg.det(align(points, points * [1, 1, -1]).rotation), 1)
-
-
 def test_nees_of_errors_drawn_from_the_covariance_is_one() -> None:
     # 500 draws of χ²(6) / 6: mean 1, standard deviation √(2 · 6 / 500) / 6 = 0.0258; the band is 4 of them.
     rng = np.random.default_rng(4)
@@ -203,19 +178,6 @@ def test_scores_add_and_nothing_is_neutral() -> None:
     assert a + RobotScore() == a
     assert_allclose((a + b).ate_m, (a.ate_m + b.ate_m) / 2)
     assert_allclose((a + b).rpe_m ** 2, (a.rpe_m**2 + b.rpe_m**2) / 2)
-
-
-def test_nothing_at_all_is_undefined() -> None:
-    for s in (score_robots({}, {}), score_robots({"r": []}, {"r": []}), RobotScore()):
-        assert s.to_dict() == dict.fromkeys(KEYS)
-
-
-def test_json_types() -> None:
-    truth = {r: [Pose.identity(), Pose.planar(1, 0, 0)] for r in ("r", "s")}
-    d = score_robots(truth, truth, {r: [np.eye(6)] * 2 for r in truth}).to_dict()
-    assert list(d) == KEYS
-    assert all(type(v) is float for v in d.values())
-    json.dumps(d, allow_nan=False)
 
 
 def test_errors_name_robot_and_frame() -> None:

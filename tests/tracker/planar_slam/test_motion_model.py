@@ -54,9 +54,3 @@ def test_correlated_measurements_have_less_information() -> None:
     information = (once[0] / sigma[1:, 0]) ** 2
     assert information.sum() == pytest.approx(5, rel=0.05)
     np.testing.assert_allclose(sighting_sigma(seen, subject, no_robots, Sensors(correlation_time=0.0))[:, 0], once[0])
-
-
-@pytest.mark.parametrize("name", ["lag", "command_timeout", "range_sigma", "bearing_sigma"])
-def test_parameters_have_bounds(name: str) -> None:
-    with pytest.raises(ValueError, match=f"{name} is 0, needs more than 0"):
-        Sensors(**{name: 0})

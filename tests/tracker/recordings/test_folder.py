@@ -111,8 +111,8 @@ def changed(folder: Path, change: Callable[[dict[str, Any]], object]) -> Path:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda c: c.pop("rate"), r"recording.json: rate is None, needs a number"),
-        (lambda c: c.update(rate=0), r"recording.json: rate is 0.0, needs more than 0"),
+        (lambda c: c.pop("rate"), r"recording.json: rate is missing, needs a number"),
+        (lambda c: c.update(rate=0), r"recording.json: rate is 0, needs a number from 0.0001"),
         (lambda c: c.update(cameras={}), r"recording.json: cameras is missing or empty"),
         (lambda c: c.update(area=[[0, 0]]), r"recording.json: area is .*needs two corners"),
         (lambda c: c.update(area=[[5, 5], [0, 0]]), r"recording.json: area is .*the lowest first"),
@@ -121,8 +121,6 @@ def changed(folder: Path, change: Callable[[dict[str, Any]], object]) -> Path:
         (lambda c: c.update(ground="../terrain.npz"), r"recording.json: ground is '../terrain.npz'"),
         (lambda c: c.update(format="pilsim-recording/9"), r"recording.json: format is 'pilsim-recording/9', needs 'pilsim-recording/1'"),
         (lambda c: c.update(framerate=4), r"recording.json: field 'framerate' is unknown, needs one of"),
-        (lambda c: c["cameras"]["C1"].update(model="omni"), r"recording.json: cameras.C1.*model is 'omni'"),
-        (lambda c: c["cameras"]["C1"].update(K=[[1, 0], [0, 1]]), r"recording.json: cameras.C1.*K"),
         (lambda c: c["cameras"]["C1"].update(R=[[1, 0, 0], [0, 1, 0], [0, 0.5, 1]]), r"recording.json: cameras.C1.*R is no rotation"),
         (lambda c: c["cameras"]["C1"].update(robot="r9"), r"recording.json: cameras.C1.robot is 'r9', needs one of robots.json"),
         (lambda c: c.update(cameras={"a b": c["cameras"]["C1"]}), r"recording.json: camera 'a b' needs a name without blanks"),
@@ -147,11 +145,11 @@ def test_a_camera_below_the_ground_is_refused(tmp_path: Path) -> None:
     ("file", "text", "message"),
     [
         ("detections/C9.txt", "1,-1,1,1,9,9,1,-1,-1,-1\n", r"C9.txt: is of camera 'C9', recording.json has C1, C2"),
-        ("detections/C1.txt", "1,-1,1,1,9\n", r"C1.txt:line 1: 5 values, needs 10"),
+        ("detections/C1.txt", "1,-1,1,1,9\n", r"C1.txt:1: 5 values, needs 10"),
         ("truth.txt", "1,3,-1,-1,-1,-1,1,900,100,0\n", r"truth.txt: frame 1, id 3: x, y are \(900, 100\) m, 894 m outside the area"),
         ("truth.txt", "7,3,-1,-1,-1,-1,1,2,1,0\n", r"truth.txt: frame is 7, which no camera has, needs at most 3"),
-        ("truth.txt", "1,3,5,5,9,9,1,-1,-1,-1\n", r"truth.txt:line 1: has no x, y, z"),
-        ("robots.json", '{"r0": {}}', r"robots.json: r0: field 'start' is missing"),
+        ("truth.txt", "1,3,5,5,9,9,1,-1,-1,-1\n", r"truth.txt:1: has no x, y, z"),
+        ("robots.json", '{"r0": {}}', r"robots.json: r0: start is missing"),
     ],
 )
 def test_invalid_files_are_named(tmp_path: Path, file: str, text: str, message: str) -> None:
@@ -195,16 +193,3 @@ def test_cameras_without_detections_say_nothing(tmp_path: Path) -> None:
     write_recording(tmp_path, replace(small(), detections={"C1": small().detections["C1"]}))
     for options in (None, SourceOptions.parse(degrade="drop=0.5,clutter=1")):
         assert [[view.camera for view in tick.views] for tick in open_sequence(tmp_path, options).ticks] == [["C1"]] * 3
-
-
-def test_boxes_are_projected_from_the_truth(tmp_path: Path) -> None:
-    write_recording(tmp_path, small())
-    options = SourceOptions.parse(project="misses=0,edges=0.01", seed=4)
-    boxes = open_recording(tmp_path, options).detections
-    assert [len(boxes["C1"][frame][0]) for frame in range(3)] == [2, 2, 2]
-    again = open_recording(tmp_path, SourceOptions.of_run(options.to_run())).detections
-    np.testing.assert_array_equal(boxes["C2"][1][0], again["C2"][1][0])
-    with pytest.raises(ValueError, match=r"misses is 2.0, needs 0 to 1"):
-        SourceOptions.parse(project="misses=2")
-    with pytest.raises(ValueError, match="--detections and --project exclude each other"):
-        SourceOptions.parse([str(tmp_path)], project="")

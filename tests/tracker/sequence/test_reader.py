@@ -101,13 +101,6 @@ def test_fixed_camera_round_trip_in_both_files(tmp_path: Path) -> None:
     assert read_sequence(tmp_path / "s").setup.mounts["View_001"].camera == camera
 
 
-def test_unknown_camera_model_is_refused(tmp_path: Path) -> None:
-    sequences.write(tmp_path / "s")
-    edit(tmp_path / "s", "calibration.json", lambda text: text.replace('"panorama"', '"omnidirectional"', 1))
-    with pytest.raises(ValueError, match=r"calibration.json: model is 'omnidirectional', needs one of panorama, tsai, pinhole, fisheye, cylinder"):
-        read_sequence(tmp_path / "s")
-
-
 def test_same_input_gives_same_bytes(tmp_path: Path) -> None:
     sequences.write_anew(tmp_path / "a")
     sequences.write_anew(tmp_path / "b")
@@ -141,17 +134,6 @@ def test_damaged_file_is_named(tmp_path: Path, name: str, damage: bytes | None, 
     path.unlink() if damage is None else path.write_bytes(damage)
     with pytest.raises(ValueError, match=message):
         read_sequence(tmp_path / "s")
-
-
-def test_flipped_byte_in_an_image_is_found(tmp_path: Path) -> None:
-    sequences.write(tmp_path / "s")
-    path = tmp_path / "s" / "images" / "robot_1_camera" / "000002.jpg"
-    data = bytearray(path.read_bytes())
-    data[len(data) // 2] ^= 1
-    path.write_bytes(bytes(data))
-    sequence = read_sequence(tmp_path / "s")
-    with pytest.raises(ValueError, match=r"robot_1_camera/000002.jpg: its SHA-256 is not the manifest's"):
-        list(sequence.ticks)
 
 
 def edit(folder: Path, name: str, change: object) -> None:
@@ -217,14 +199,6 @@ def test_malicious_manifests_are_refused(tmp_path: Path, text: str, message: str
     sequences.write(tmp_path / "s")
     (tmp_path / "s" / "manifest.json").write_text(text)
     with pytest.raises(ValueError, match=message):
-        read_sequence(tmp_path / "s")
-
-
-def test_changed_digit_in_the_truth_is_found(tmp_path: Path) -> None:
-    sequences.write(tmp_path / "s")
-    path = tmp_path / "s" / "truth" / "people.csv"
-    path.write_text(path.read_text().replace("0,9,3,", "0,9,4,"))
-    with pytest.raises(ValueError, match=r"people.csv: its SHA-256 is not the manifest's"):
         read_sequence(tmp_path / "s")
 
 

@@ -1,14 +1,13 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from tracker.ekf.measurement_models import jacobians, predict
 from tracker.ekf.state import JointState
 from tracker.geometry import Pose, tangent_basis
 from tracker.geometry.cameras import Panorama
 from tracker.slam.data_association import Gate, associate, innovation_covariance
-from tracker.slam.landmark_map import LandmarkMap, PruningParameters, dissimilarity, spread_over_azimuth, unit_rows
+from tracker.slam.landmark_map import LandmarkMap, PruningParameters, dissimilarity
 from tracker.types import Mount, Start
 
 MOUNT = Mount(Panorama(64, 32), Pose(np.eye(3), np.array([0, 0, 0.5])), "r")
@@ -44,13 +43,6 @@ def test_innovation_covariance_is_the_dense_one() -> None:
         H = np.zeros((2, len(joint.P)))
         H[:, :6], H[:, 6:9], H[:, joint.base + 3 * i : joint.base + 3 * i + 3] = body[i], correction[i], place[i]
         np.testing.assert_allclose(S, H @ joint.P @ H.T, atol=1e-14)
-
-
-def test_matches_do_not_depend_on_the_order() -> None:
-    _, b = scene()
-    distances = np.where(np.eye(3, dtype=bool), 0.1, 1.2)
-    assert matches(b, distances) == [(0, 0), (1, 1), (2, 2)]
-    assert matches(b[::-1], distances[:, ::-1]) == [(0, 2), (1, 1), (2, 0)]
 
 
 def test_a_similar_sighting_outside_the_gate_is_rejected() -> None:
@@ -105,12 +97,6 @@ def test_known_subjects_decide_alone() -> None:
     np.testing.assert_allclose(d, [[0, np.inf, np.inf], [np.inf, np.inf, 0]], atol=1e-3)
 
 
-def test_unit_rows_of_any_scale() -> None:
-    np.testing.assert_allclose(unit_rows([[3, 4], [0, 0], [0, 512]]), [[0.6, 0.8], [0, 0], [0, 1]], atol=1e-7)
-    with pytest.raises(ValueError, match="needs"):
-        unit_rows([1.0, 2.0])
-
-
 def test_the_last_landmark_replaces_a_removed_one() -> None:
     landmarks = landmark_map()
     landmarks.remove(0)
@@ -138,15 +124,3 @@ def test_landmarks_of_a_blind_robot_are_kept() -> None:
     assert landmarks.least_recently_seen() == 2
     landmarks.last_localized[1] = 5
     assert landmarks.least_recently_seen() in (0, 1)
-
-
-def test_descriptors_keep_their_length() -> None:
-    with pytest.raises(ValueError, match="length 3"):
-        landmark_map().add(-1, np.ones(3, dtype=np.float32), 0, 0, 1)
-
-
-def test_items_are_spread_over_all_sectors() -> None:
-    azimuth = np.concatenate([np.full(10, 0.1), [1.5, -2.0]])
-    chosen = spread_over_azimuth(azimuth, np.arange(12.0)[::-1], 4)
-    np.testing.assert_array_equal(chosen, [0, 1, 10, 11])
-    assert len(spread_over_azimuth(azimuth, np.zeros(12), 50)) == 12

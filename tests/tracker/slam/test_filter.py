@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from tests.tracker.walled_room import Room, ate, dead_reckoning, simulate
 from tracker.ekf.gaussian import nees
-from tracker.ekf.lie_kernels import compose
-from tracker.ekf.measurement_models import CameraPose, gravity, jacobians, predict, residual
 from tracker.geometry import Pose, exp_so3
 from tracker.geometry.cameras import Panorama, Tsai
 from tracker.geometry.ground import Flat
@@ -71,17 +69,6 @@ def test_the_correction_factor_finds_a_tilted_camera() -> None:
     without, _, _, consistency = run(tilted, SlamParameters(correction=False, gravity_correlation_time=0.0))
     assert consistency.mean() > 5 * consistent.mean(), "a tilt that is not in the state should make the covariance inconsistent"
     np.testing.assert_array_equal(without.correction("r0"), 0)
-
-
-def test_the_covariance_is_symmetric_positive_and_couples_the_robots() -> None:
-    slam, *_ = run(replace(SHORT, seed=0), SlamParameters())
-    joint = slam._joint
-    np.testing.assert_allclose(joint.P, joint.P.T, atol=1e-12 * np.abs(joint.P).max())
-    rows = joint.active()
-    assert np.linalg.eigvalsh(joint.P[np.ix_(rows, rows)]).min() > 0
-    a, b = (slice(joint.offset(i), joint.offset(i) + 6) for i in (0, 1))
-    scale = np.sqrt(np.outer(np.diag(joint.P[a, a]), np.diag(joint.P[b, b])))
-    assert np.abs(joint.P[a, b] / scale).max() > 0.2
 
 
 def test_sightings_of_one_robot_correct_another() -> None:
@@ -202,61 +189,6 @@ def test_a_lost_robot_starts_a_new_map_after_the_timeout() -> None:
     assert sum(n for reason, n in slam.counters.items() if reason.startswith("lost: ")) == wait + 1
 
 
-class PlainEkf:
-    """A textbook EKF for one robot and named landmarks with dense matrices, the oracle of Slam(iterations=1, correction=False)."""
-
-    def __init__(self, pose: Pose, P: NDArray[np.float64], landmarks: NDArray[np.float64]) -> None:
-        self.pose, self.P, self.landmarks = pose, P, landmarks
-
-    def step(self, odometry: Odometry, mount: Pose, seen: list[tuple[int, NDArray[np.float64], NDArray[np.float64]]]) -> None:
-        n = len(self.P)
-        R, t, block = compose(self.pose.rotation, self.pose.translation, odometry.T_before_now)
-        F, Q = np.eye(n), np.zeros((n, n))
-        F[:6, :6], Q[:6, :6] = block, odometry.covariance
-        self.pose, self.P = Pose(R, t), F @ self.P @ F.T + Q
-        camera = CameraPose(R, t, mount.rotation, mount.translation, np.zeros(3))
-        H, r, noise = np.zeros((2 * len(seen) + 2, n)), [], np.zeros((2 * len(seen) + 2,) * 2)
-        for i, (landmark, bearing, covariance) in enumerate(seen):
-            point = self.landmarks[landmark][None]
-            body, place, _ = jacobians(camera, point)
-            H[2 * i : 2 * i + 2, :6], H[2 * i : 2 * i + 2, 6 + 3 * landmark : 9 + 3 * landmark] = body[0], place[0]
-            r.append(residual(bearing, predict(camera, point)[0][0]))
-            noise[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = covariance
-        assert odometry.gravity is not None
-        up, H[-2:, :6] = gravity(R, odometry.gravity)
-        noise[-2:, -2:] = np.eye(2) * odometry.gravity_sigma**2
-        S = H @ self.P @ H.T + noise
-        K = self.P @ H.T @ np.linalg.inv(S)
-        change = K @ np.concatenate([*r, up])
-        self.P = self.P - K @ S @ K.T
-        self.pose = self.pose @ Pose.exp(change[:6])
-        self.landmarks = self.landmarks + change[6:].reshape(-1, 3)
-
-
-def test_one_iteration_without_correction_is_the_plain_ekf() -> None:
-    room = Room(robots=1, named=True, landmarks=30, ticks=30, miss=0.0)
-    setup, ticks, *_ = simulate(room)
-    no_error_model = {"odometry_biases": None, "gravity_correlation_time": 0.0, "rotation_correlation_time": 0.0}
-    plain_ekf = {"mode": "iekf", "iterations": 1, "correction": False, "robust": np.inf, **no_error_model}
-    slam = Slam(setup, SlamParameters(**plain_ekf, max_new_landmarks=100, max_updates=100))
-    k = next(k for k, tick in enumerate(ticks) if (slam.step(tick), len(slam.landmarks()) >= 5)[1])
-    joint, landmark_map = slam._joint, slam._map
-    rows = np.concatenate([np.arange(6), np.arange(joint.base, len(joint.P))])
-    plain = PlainEkf(slam.pose("r0"), joint.P[np.ix_(rows, rows)].copy(), slam.landmarks())
-    n, names = len(slam.landmarks()), landmark_map.subject[: landmark_map.count].copy()
-    view = ticks[k + 1].views[0]
-    s = view.sightings
-    assert s is not None
-    assert view.odometry is not None
-    seen = [(i, s.bearing[j], s.covariance[j]) for i in range(n) for j in np.flatnonzero(s.subject == names[i])]
-    plain.step(view.odometry, setup.mounts["c0"].T_body_camera, seen)
-    slam.step(ticks[k + 1])
-    np.testing.assert_allclose(slam.pose("r0").translation, plain.pose.translation, atol=1e-9)
-    np.testing.assert_allclose(slam.pose("r0").rotation, plain.pose.rotation, atol=1e-9)
-    np.testing.assert_allclose(slam.landmarks()[:n], plain.landmarks, atol=1e-9)
-    np.testing.assert_allclose(np.diag(slam.covariance("r0")), np.diag(plain.P)[:6], rtol=0.02)
-
-
 def pets(start: Start | None) -> Setup:
     camera = Tsai(768, 576, 5.5, 0.0, 384, 288, 1.0, 0.01, 0.01)
     return Setup({"view": Mount(camera, Pose.identity(), "post")}, Flat(), {"post": start}, 1 / 7)
@@ -272,29 +204,10 @@ def test_a_fixed_camera_stays_constant_outside_the_state() -> None:
     assert len(slam._joint.P) == 0
 
 
-def test_an_unknown_start_is_counted() -> None:
-    slam = Slam(pets(None), SlamParameters())
-    slam.step(Tick(0, 0.0, (View("view", Detections.none(), odometry=Odometry(Pose.identity(), np.eye(6))),)))
-    assert slam.counters["unknown start"] == 1
-    with pytest.raises(ValueError, match="no start pose"):
-        slam.pose("post")
-    with pytest.raises(ValueError, match="no start pose"):
-        slam.covariance("post")
-
-
 def test_an_unknown_camera_is_an_error() -> None:
     slam = Slam(pets(None), SlamParameters())
     with pytest.raises(ValueError, match="'other'"):
         slam.step(Tick(0, 0.0, (View("other", Detections.none()),)))
-
-
-def test_a_robot_without_odometry_and_sightings_stays() -> None:
-    setup, ticks, *_ = simulate(replace(SHORT, ticks=3))
-    slam = Slam(setup, SlamParameters())
-    slam.step(ticks[0])
-    before = slam.pose("r1")
-    slam.step(replace(ticks[1], views=()))
-    np.testing.assert_array_equal(slam.pose("r1").translation, before.translation)
 
 
 def test_gravity_alone_levels_a_robot() -> None:
@@ -306,17 +219,6 @@ def test_gravity_alone_levels_a_robot() -> None:
     slam.step(Tick(0, 0.0, (View("c", Detections.none(), odometry=odometry),)))
     np.testing.assert_allclose(slam.pose("r").rotation[2], [0, 0, 1], atol=1e-3)
     assert slam.covariance("r")[3, 3] == pytest.approx(1e-4, rel=0.02)
-
-
-@pytest.mark.parametrize(("name", "value"), [("iterations", 0), ("clones", 0), ("capacity", -1), ("max_updates", 0)])
-def test_parameters_have_bounds(name: str, value: int) -> None:
-    with pytest.raises(ValueError, match=f"{name} is {value}"):
-        SlamParameters(**{name: value})
-
-
-def test_an_unknown_mode_is_an_error() -> None:
-    with pytest.raises(ValueError, match="mode is 'ukf', needs iekf or fej"):
-        SlamParameters(mode="ukf")
 
 
 def test_correlated_errors_inflate_the_covariance() -> None:

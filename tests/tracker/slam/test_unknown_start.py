@@ -119,17 +119,6 @@ def test_a_robot_without_gravity_waits() -> None:
     assert slam.counters["waits: no level"] == 2
 
 
-@pytest.mark.soak
-def test_the_map_keeps_its_capacity() -> None:
-    setup, ticks, *_ = simulate(HALL)
-    slam = Slam(with_unknown_start(setup), SlamParameters(capacity=45))
-    for tick in ticks:
-        slam.step(tick)
-        assert len(slam.landmarks()) <= 45
-    assert slam.is_localized("r1")
-    assert len(slam.landmarks()) == len(slam.identities())
-
-
 def test_a_level_start_is_vertical_along_the_measured_up() -> None:
     up = np.array([0.2, -0.1, 0.9])
     start = level_start(up)

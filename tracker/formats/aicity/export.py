@@ -13,7 +13,6 @@ from tracker.formats.aicity.files import (
     CALIBRATION,
     PERSON,
     TRUTH,
-    AiCityCamera,
     AiCityObject,
     AiCityRows,
     write_calibration,
@@ -72,7 +71,7 @@ def export_aicity(out: Path, recordings: Iterable[RecordedSequence]) -> list[str
     for recording in recordings:
         fixed, root = recording.require_fixed("aicity"), out / recording.name
         (root / "detections").mkdir(parents=True)
-        write_calibration(root / CALIBRATION, [camera_of(name, view, recording) for name, view in fixed.items()])
+        write_calibration(root / CALIBRATION, recording.rate, {name: camera_of(name, view, recording) for name, view in fixed.items()})
         _write_videos(root / "videos", recording)
         write_ground_truth(root / TRUTH, truth_of(recording))
         for name in fixed:
@@ -80,16 +79,14 @@ def export_aicity(out: Path, recordings: Iterable[RecordedSequence]) -> list[str
     return []
 
 
-def camera_of(name: str, view: FixedView, recording: RecordedSequence) -> AiCityCamera:
+def camera_of(name: str, view: FixedView, recording: RecordedSequence) -> RecordingCamera:
     """A fixed camera of the sequence. Raises ValueError where it is no pinhole camera, or has a distortion."""
     camera = view.camera
     if isinstance(camera, Tsai) and not camera.kappa1:
-        K = np.array([[camera.focal * camera.sx / camera.dpx, 0.0, camera.cx], [0.0, camera.focal / camera.dpy, camera.cy], [0.0, 0.0, 1.0]])
-    elif isinstance(camera, Pinhole) and not any(camera.distortion):
-        K = camera.matrix
-    else:
+        camera = Pinhole(camera.width, camera.height, camera.focal * camera.sx / camera.dpx, camera.focal / camera.dpy, camera.cx, camera.cy)
+    if not isinstance(camera, Pinhole) or any(camera.distortion):
         raise ValueError(f"{recording.folder}: {name} is {camera}, aicity needs a pinhole camera without distortion")
-    return AiCityCamera(name, K, *RecordingCamera(camera, view.T_world_camera).opencv_extrinsics, camera.width, camera.height, recording.rate)
+    return RecordingCamera(camera, view.T_world_camera)
 
 
 def _write_videos(folder: Path, recording: RecordedSequence) -> None:

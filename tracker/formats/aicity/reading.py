@@ -14,11 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from tracker.formats.aicity.files import CALIBRATION, PERSON, TRUTH, AiCityCamera, AiCityObject, read_calibration, read_ground_truth
+from tracker.formats.aicity.files import CALIBRATION, PERSON, TRUTH, AiCityObject, read_calibration, read_ground_truth
 from tracker.geometry import Array, Ints
-from tracker.geometry.cameras import Pinhole
 from tracker.io.resume import checksums
-from tracker.recordings import Recording, RecordingCamera
+from tracker.recordings import Recording
 from tracker.recordings.folder import read_boxes
 from tracker.recordings.images import VideoFile
 
@@ -45,11 +44,7 @@ def read_aicity(path: Path, strict: bool = True) -> Recording:
     Recording.source["left_out"] has class → number of its boxes that are left out.
     Raises ValueError with file and field or line for missing or invalid content, cameras of different rates, and detections of no camera.
     """
-    listed = read_calibration(path / CALIBRATION)
-    rates = sorted({camera.rate for camera in listed})
-    if len(rates) > 1:
-        raise ValueError(f"{path / CALIBRATION}: fps is {rates[0]:g} and {rates[1]:g}, needs the same of all cameras")
-    cameras = {camera.name: _camera(camera, path / CALIBRATION) for camera in listed}
+    rate, cameras = read_calibration(path / CALIBRATION)
     named = _detections(path / DETECTIONS, list(cameras))
     truth, left_out = None, Counter[str]()
     if (path / TRUTH).is_file():
@@ -57,7 +52,7 @@ def read_aicity(path: Path, strict: bool = True) -> Recording:
     videos = {file.stem: file for file in sorted((path / VIDEOS).glob("*.mp4"))}
     try:
         recording = Recording(
-            rates[0],
+            rate,
             cameras,
             {name: read_boxes(file) for name, file in named.items()},
             truth,
@@ -74,15 +69,6 @@ def read_aicity(path: Path, strict: bool = True) -> Recording:
     except ValueError as error:
         raise ValueError(str(error) if str(error).startswith(str(path)) else f"{path / CALIBRATION}: {error}") from None
     return recording
-
-
-def _camera(camera: AiCityCamera, file: Path) -> RecordingCamera:
-    K = camera.K
-    try:
-        model = Pinhole(camera.width, camera.height, float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]))
-        return RecordingCamera.of_opencv(model, camera.R, camera.t)
-    except ValueError as error:
-        raise ValueError(f"{file}: camera {camera.name}: {error}") from None
 
 
 def _detections(folder: Path, cameras: list[str]) -> dict[str, Path]:

@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,17 +15,17 @@ from typing import Any
 
 import numpy as np
 
-from tracker.geometry import Array, set_array, wrap
+from tracker.geometry import Array, wrap
+from tracker.geometry.camera_protocol import MAX_SIDE
 from tracker.io.atomic import write_text
-from tracker.io.json_files import read_json
+from tracker.io.json_files import JsonObject, read_json
+from tracker.sequence.calibration import MAX_RATE, MIN_RATE
 
 LABELS_2D, LABELS_3D, DETECTIONS = "labels/labels_2d_stitched", "labels/labels_3d", "detections/detections_2d_stitched"
 """Folders of files SEQUENCE.json."""
 OCCLUSION = ((0.95, "Fully_visible"), (0.5, "Mostly_visible"), (0.0, "Severely_occluded"))
 """Least visible fraction → name of the occlusion; a person without visible pixels is HIDDEN."""
 HIDDEN = "Fully_occluded"
-LARGEST = 2**53
-"""Ids from here on are not exact in JSON readers that use floats."""
 _LABEL = "pedestrian:"
 _DETECTION = "person:"
 _SPACE = ("cx", "cy", "cz", "l", "w", "h", "rot_z")
@@ -35,20 +36,12 @@ class Label2d:
     """A person in a panorama: person id; box (4,) left, top, width, height px of the whole body.
 
     seen (4,): the box of the visible part, zeros where nothing is visible. visible: visible fraction in [0, 1].
-    Raises ValueError for an id of 2^53 or more, and for a visible fraction out of bounds.
     """
 
     person: int
     box: Array
     seen: Array
     visible: float
-
-    def __post_init__(self) -> None:
-        _check_person(self.person)
-        set_array(self, "box", (4,))
-        set_array(self, "seen", (4,))
-        if not 0 <= self.visible <= 1:
-            raise ValueError(f"visible is {self.visible}, needs 0 to 1")
 
     @property
     def occlusion(self) -> str:
@@ -59,25 +52,12 @@ class Label2d:
 
 @dataclass(frozen=True, eq=False)
 class Label3d:
-    """A person's 3-D box in the camera's frame: person id; centre (3,) m; size (3,) m along the heading, across it and up; heading rad about z.
-
-    Raises ValueError for an id of 2^53 or more.
-    """
+    """A person's 3-D box in the camera's frame: person id; centre (3,) m; size (3,) m along the heading, across it and up; heading rad about z."""
 
     person: int
     centre: Array
     size: Array
     heading: float
-
-    def __post_init__(self) -> None:
-        _check_person(self.person)
-        set_array(self, "centre", (3,))
-        set_array(self, "size", (3,))
-
-
-def _check_person(person: int) -> None:
-    if not 0 <= person < LARGEST:
-        raise ValueError(f"person is {person}, needs 0 to less than 2^53")
 
 
 @dataclass(frozen=True)
@@ -85,7 +65,7 @@ class PanoramaNote:
     """What JRDB's layout does not hold, a field of pilsim in labels_2d_stitched.
 
     rate: frames per second. width, height: of the images, px. above_ground: height, m, of the camera above the ground.
-    horizon, focal: of cylinders, px; None for equirectangular images. Raises ValueError for a value out of bounds.
+    horizon, focal: of cylinders, px; None for equirectangular images.
     """
 
     rate: float
@@ -94,16 +74,6 @@ class PanoramaNote:
     above_ground: float
     horizon: float | None = None
     focal: float | None = None
-
-    def __post_init__(self) -> None:
-        for name in ("rate", "width", "height", "above_ground", "horizon", "focal"):
-            value = getattr(self, name)
-            if value is None and name in ("horizon", "focal"):
-                continue
-            if isinstance(value, bool) or not isinstance(value, int | float) or not 1e-4 <= value < 1e6:
-                raise ValueError(f"{name} is {str(value)[:40]}, needs a number above 0, from 1e-4, and below 1e6")
-        if (self.horizon is None) != (self.focal is None):
-            raise ValueError(f"horizon is {self.horizon} and focal is {self.focal}, needs both or neither")
 
 
 Labels2d = Mapping[int, Sequence[Label2d]]
@@ -121,16 +91,15 @@ def write_labels_2d(path: Path, labels: Labels2d, width: int, note: PanoramaNote
 
 def read_note(path: Path) -> PanoramaNote | None:
     """Read the note of a file by write_labels_2d, None in a file of JRDB itself. Raises ValueError with path and field for other content."""
-    content = read_json(path)
-    note = content.get("pilsim") if isinstance(content, dict) else None
-    if note is None:
+    content = JsonObject(read_json(path), str(path))
+    if content.values.get("pilsim") is None:
         return None
-    try:
-        return PanoramaNote(note["rate"], int(note["width"]), int(note["height"]), note["above_ground"], note.get("horizon"), note.get("focal"))
-    except (KeyError, TypeError, AttributeError) as error:
-        raise ValueError(f"{path}: pilsim: field {error} is missing or of the wrong kind") from None
-    except ValueError as error:
-        raise ValueError(f"{path}: pilsim: {error}") from None
+    note = content.part("pilsim")
+    size = [note.whole(name, 1, MAX_SIDE) for name in ("width", "height")]
+    needed = note.number("rate", MIN_RATE, MAX_RATE), *size, note.number("above_ground", 1e-4, 1e6)
+    if note.values.get("horizon") is None and note.values.get("focal") is None:
+        return PanoramaNote(*needed)
+    return PanoramaNote(*needed, note.number("horizon", 1e-4, 1e6), note.number("focal", 1e-4, 1e6))
 
 
 def _json_2d(label: Label2d, width: int) -> dict[str, Any]:
@@ -145,19 +114,16 @@ def read_labels_2d(path: Path) -> dict[int, list[Label2d]]:
 
     Raises ValueError with path, frame and field for missing or wrong fields.
     """
-    return {frame: [_label_2d(entry, f"{path}: frame {frame}") for entry in entries] for frame, entries in _frames(path, ".jpg").items()}
+    return {frame: [_label_2d(label) for label in labels] for frame, labels in _frames(path, ".jpg").items()}
 
 
-def _label_2d(entry: dict[str, Any], where: str) -> Label2d:
-    try:
-        box = np.array(entry["box"], dtype=np.float64)
-        named = {name: limit for limit, name in OCCLUSION} | {OCCLUSION[0][1]: 1.0, HIDDEN: 0.0}
-        visible = entry["visibility"] if "visibility" in entry else named[entry["attributes"]["occlusion"]]
-        return Label2d(_person(entry), box, np.array(entry.get("box_seen", box), dtype=np.float64), float(visible))
-    except (KeyError, TypeError) as error:
-        raise ValueError(f"{where}: field {error} is missing or of the wrong kind") from None
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from None
+def _label_2d(label: JsonObject) -> Label2d:
+    box = label.array("box", (4,))
+    seen = label.array("box_seen", (4,)) if "box_seen" in label.values else box
+    if "visibility" in label.values:
+        return Label2d(_person(label), box, seen, label.number("visibility", 0.0, 1.0))
+    named = {name: limit for limit, name in OCCLUSION} | {OCCLUSION[0][1]: 1.0, HIDDEN: 0.0}
+    return Label2d(_person(label), box, seen, named[label.part("attributes").text("occlusion", "|".join(named), f"one of {', '.join(named)}")])
 
 
 def write_labels_3d(path: Path, labels: Labels3d) -> None:
@@ -176,23 +142,13 @@ def _json_3d(label: Label3d) -> dict[str, Any]:
 
 def read_labels_3d(path: Path) -> dict[int, list[Label3d]]:
     """Read frame → labels of a file by write_labels_3d or of JRDB itself. Raises ValueError as read_labels_2d."""
-    return {frame: [_label_3d(entry, f"{path}: frame {frame}") for entry in entries] for frame, entries in _frames(path, ".pcd").items()}
+    return {frame: [_label_3d(label) for label in labels] for frame, labels in _frames(path, ".pcd").items()}
 
 
-def _label_3d(entry: dict[str, Any], where: str) -> Label3d:
-    try:
-        values = np.array([_number(entry["box"][name], f"box.{name}") for name in _SPACE])
-        return Label3d(_person(entry), values[:3], values[3:6], float(values[6]))
-    except (KeyError, TypeError) as error:
-        raise ValueError(f"{where}: field {error} is missing or of the wrong kind") from None
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from None
-
-
-def _number(value: Any, name: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError(f"{name} is {repr(value)[:40]}, needs a number")
-    return float(value)
+def _label_3d(label: JsonObject) -> Label3d:
+    box = label.part("box")
+    values = np.array([box.number(name) for name in _SPACE])
+    return Label3d(_person(label), values[:3], values[3:6], float(values[6]))
 
 
 def write_detections_2d(path: Path, detections: Mapping[int, tuple[Array, Array]]) -> None:
@@ -213,36 +169,23 @@ def read_detections_2d(path: Path) -> dict[int, tuple[Array, Array]]:
     """
     out = {}
     for frame, entries in _frames(path, ".jpg", "detections").items():
-        try:
-            people = [entry for entry in entries if str(entry["label_id"]).startswith(_DETECTION)]
-            boxes = np.array([entry["box"] for entry in people], dtype=np.float64).reshape(len(people), 4)
-            scores = np.array([entry["score"] for entry in people], dtype=np.float64).reshape(len(people))
-        except (KeyError, TypeError) as error:
-            raise ValueError(f"{path}: frame {frame}: field {error} is missing or of the wrong kind") from None
-        except ValueError as error:
-            raise ValueError(f"{path}: frame {frame}: box needs left, top, width, height, and score a number ({error})") from None
-        if not np.isfinite(boxes).all() or not np.isfinite(scores).all() or (boxes[:, 2:] < 0).any():
-            raise ValueError(f"{path}: frame {frame}: box and score need finite numbers, width and height at least 0")
-        out[frame] = boxes, scores
+        people = [entry for entry in entries if entry.a("label_id", str).startswith(_DETECTION)]
+        boxes = np.array([entry.array("box", (4,)) for entry in people]).reshape(-1, 4)
+        if (boxes[:, 2:] < 0).any():
+            raise people[int(np.argmax((boxes[:, 2:] < 0).any(axis=1)))].refused("box", "a width and a height of at least 0")
+        out[frame] = boxes, np.array([entry.number("score") for entry in people])
     return out
 
 
-def _person(entry: dict[str, Any]) -> int:
-    label = entry["label_id"]
-    if not isinstance(label, str) or not label.startswith(_LABEL) or not label.removeprefix(_LABEL).isdecimal():
-        raise ValueError(f"label_id is {str(label)[:80]!r}, needs {_LABEL}NUMBER")
-    return int(label.removeprefix(_LABEL))
+def _person(label: JsonObject) -> int:
+    return int(label.text("label_id", f"{_LABEL}[0-9]{{1,16}}", f"{_LABEL}NUMBER").removeprefix(_LABEL))
 
 
-def _frames(path: Path, suffix: str, key: str = "labels") -> dict[int, list[dict[str, Any]]]:
-    content = read_json(path)
-    frames = content.get(key) if isinstance(content, dict) else None
-    if not isinstance(frames, dict):
-        raise ValueError(f"{path}: has no {key}")
+def _frames(path: Path, suffix: str, key: str = "labels") -> dict[int, list[JsonObject]]:
+    frames = JsonObject(read_json(path), str(path)).part(key)
     out = {}
-    for name, entries in frames.items():
-        stem = name.removesuffix(suffix)
-        if stem == name or not stem.isdecimal() or not isinstance(entries, list):
-            raise ValueError(f"{path}: {key} of {name[:80]!r}, needs NUMBER{suffix} and a list")
-        out[int(stem)] = entries
+    for name in frames.values:
+        if not re.fullmatch(f"[0-9]{{1,12}}{re.escape(suffix)}", name):
+            raise ValueError(f"{path}: {key} of {name[:80]!r}, needs NUMBER{suffix}")
+        out[int(name.removesuffix(suffix))] = frames.objects(name)
     return out

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tracker.formats.exported_sequence import OPENCV_CORNER, PNG, FixedView, RecordedSequence
-from tracker.formats.wildtrack.files import HIDDEN, GroundGrid, OpenCvCamera, WildtrackPosition, write_calibration, write_config, write_positions
+from tracker.formats.exported_sequence import OPENCV_CORNER, PNG, RecordedSequence
+from tracker.formats.wildtrack.files import HIDDEN, GroundGrid, WildtrackPosition, opencv_camera, write_calibration, write_config, write_positions
 from tracker.formats.wildtrack.rectangles import write_rectangles
 from tracker.io.mot15 import write_mot15
 
@@ -53,19 +53,21 @@ def export_wildtrack(out: Path, recordings: Iterable[RecordedSequence], rectangl
         root, camera_notes = out / recording.name, []
         cameras = []
         for number, (camera, view) in enumerate(fixed.items(), 1):
-            calibrated, error = _calibration(recording, camera, view)
+            try:
+                calibrated, error = opencv_camera(view.camera, view.T_world_camera)
+            except ValueError as fault:
+                raise ValueError(f"{recording.folder}: {camera}: {fault}, which wildtrack can hold") from None
             cameras.append(calibrated)
             write_calibration(root / "calibrations", f"Camera{number}", calibrated)
-            camera_notes.append(
-                f"C{number} is {camera}" + (f" (its distortion is fitted to {error:.2g} px)" if error and calibrated.distortion.any() else "")
-            )
+            fitted = f" (its distortion is fitted to {error:.2g} px)" if error and any(calibrated.camera.distortion) else ""
+            camera_notes.append(f"C{number} is {camera}{fitted}")
             (root / "Image_subsets" / f"C{number}").mkdir(parents=True)
         _write_detections(root / "detections", recording)
         feet = np.concatenate([t.feet for t in recording.truth]).reshape(-1, 3)
         grid = GroundGrid.around(feet[:, :2])
         write_config(root / "config.json", grid, len(fixed), len(recording.truth), next(iter(sizes)), recording.rate)
         if rectangles:
-            write_rectangles(root / "rectangles.pom", grid, cameras, next(iter(sizes)), recording.sequence.setup.ground.height_at)
+            write_rectangles(root / "rectangles.pom", grid, cameras, recording.sequence.setup.ground.height_at)
         (root / "annotations_positions").mkdir()
         for k in recording.frames():
             write_positions(root / "annotations_positions" / f"{k:05d}.json", positions_in_frame(recording, k, grid))
@@ -74,13 +76,6 @@ def export_wildtrack(out: Path, recordings: Iterable[RecordedSequence], rectangl
         height = float(np.abs(feet[:, 2]).max(initial=0.0))
         notes.append(f"{recording.name}: {', '.join(camera_notes)}. People stand at most {height:.2f} m above or below z = 0.")
     return notes
-
-
-def _calibration(recording: RecordedSequence, camera: str, view: FixedView) -> tuple[OpenCvCamera, float]:
-    try:
-        return OpenCvCamera.of(view.camera, view.T_world_camera)
-    except ValueError as error:
-        raise ValueError(f"{recording.folder}: {camera}: {error}, which wildtrack can hold") from None
 
 
 def _write_detections(folder: Path, recording: RecordedSequence) -> None:

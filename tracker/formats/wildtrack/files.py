@@ -16,18 +16,18 @@ import cv2
 import numpy as np
 
 from tracker.geometry import Array, Ints, Pose, set_array
-from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Camera
+from tracker.geometry.cameras import Camera, Pinhole
 from tracker.geometry.tsai import opencv_intrinsics
 from tracker.io.atomic import write_text
-from tracker.io.json_files import read_json
+from tracker.io.json_files import LARGEST_ID, JsonObject, read_json
 from tracker.io.xml_files import parse
+from tracker.recordings import RecordingCamera
+from tracker.recordings.camera_json import intrinsics
 
 CELL = 0.025
 """m: cell size in both datasets."""
 HIDDEN = (-1, -1, -1, -1)
 """Box of a person in a view that does not show the person."""
-LARGEST = 2**53
-"""Ids from here on are not exact in JSON readers that use floats."""
 _EDGES = ("xmin", "ymin", "xmax", "ymax")
 
 
@@ -85,7 +85,7 @@ def write_positions(path: Path, people: Iterable[WildtrackPosition]) -> None:
     """Write the annotation of one frame. Raises ValueError for an id of 2^53 or more."""
     entries = []
     for one in people:
-        if not 0 <= one.person < LARGEST:
+        if not 0 <= one.person <= LARGEST_ID:
             raise ValueError(f"personID is {one.person}, needs 0 to less than 2^53")
         views = [{"viewNum": k} | dict(zip(_EDGES, box, strict=True)) for k, box in enumerate(one.boxes.tolist())]
         entry: dict[str, Any] = {"personID": one.person, "positionID": one.position, "views": views}
@@ -98,72 +98,34 @@ def read_positions(path: Path) -> list[WildtrackPosition]:
 
     Raises ValueError with the path for missing or wrong fields, and views not numbered from 0.
     """
-    out: list[WildtrackPosition] = []
-    content = read_json(path)
-    if not isinstance(content, list) or not all(isinstance(entry, dict) for entry in content):
-        raise ValueError(f"{path}: needs a list with an object for each person")
-    try:
-        for entry in content:
-            views = sorted(entry.get("views", []), key=lambda view: int(view["viewNum"]))
-            if [view["viewNum"] for view in views] != list(range(len(views))):
-                raise ValueError(f"person {entry['personID']}: views are not numbered from 0 to {len(views) - 1}")
-            boxes = np.array([[view[name] for name in _EDGES] for view in views], dtype=np.int64).reshape(-1, 4)
-            feet = np.array(entry["feet"], dtype=np.float64) if "feet" in entry else None
-            out.append(WildtrackPosition(_whole(entry, "personID"), _whole(entry, "positionID"), boxes, feet))
-    except (KeyError, TypeError, AttributeError) as error:
-        raise ValueError(f"{path}: field {error} is missing or of the wrong kind") from None
-    except (ValueError, OverflowError) as error:
-        raise ValueError(f"{path}: {error}") from None
+    out = list[WildtrackPosition]()
+    for person in JsonObject({"people": read_json(path)}, str(path)).objects("people"):
+        views = sorted(person.objects("views") if "views" in person.values else [], key=lambda view: view.whole("viewNum"))
+        if [view.whole("viewNum") for view in views] != list(range(len(views))):
+            raise ValueError(f"{person.where}: views are not numbered from 0 to {len(views) - 1}")
+        edges = [[view.whole(name, -LARGEST_ID) for name in _EDGES] for view in views]
+        feet = person.array("feet", (3,)) if "feet" in person.values else None
+        boxes = np.array(edges, dtype=np.int64).reshape(-1, 4)
+        out.append(WildtrackPosition(person.whole("personID", -LARGEST_ID), person.whole("positionID", -LARGEST_ID), boxes, feet))
     return out
 
 
-def _whole(entry: Mapping[str, Any], name: str) -> int:
-    value = entry[name]
-    if isinstance(value, bool) or not isinstance(value, int) or abs(value) >= LARGEST:
-        raise ValueError(f"{name} is {repr(value)[:40]}, needs a whole number below 2^53")
-    return value
+def opencv_camera(camera: Camera, T_world_camera: Pose) -> tuple[RecordingCamera, float]:
+    """The same camera as OpenCV's pinhole, or the best approximation of a Tsai camera with distortion, and its largest error over the image, px.
+
+    Raises ValueError for a camera that is no pinhole, and for a distortion that folds within the image.
+    """
+    K, distortion, error = opencv_intrinsics(camera)
+    lens = Pinhole(camera.width, camera.height, K[0, 0], K[1, 1], K[0, 2], K[1, 2], tuple(distortion.tolist()))
+    return RecordingCamera(lens, T_world_camera), error
 
 
-@dataclass(frozen=True, eq=False)
-class OpenCvCamera:
-    """A camera of OpenCV: matrix (3, 3) px, distortion (5,) k1, k2, p1, p2, k3; rvec (3,) rad, tvec (3,) m from world to optical frame."""
-
-    matrix: Array
-    distortion: Array
-    rvec: Array
-    tvec: Array
-
-    def __post_init__(self) -> None:
-        for name, shape in (("matrix", (3, 3)), ("distortion", (5,)), ("rvec", (3,)), ("tvec", (3,))):
-            set_array(self, name, shape)
-
-    @staticmethod
-    def of(camera: Camera, T_world_camera: Pose) -> tuple[OpenCvCamera, float]:
-        """The same camera, or the best approximation of a Tsai camera with distortion, and its largest error over the image, px.
-
-        Raises ValueError for a camera that is no pinhole.
-        """
-        matrix, distortion, error = opencv_intrinsics(camera)
-        rotation = OPTICAL_FROM_CAMERA @ T_world_camera.rotation.T
-        rvec = np.asarray(cv2.Rodrigues(rotation)[0], dtype=np.float64).ravel()
-        return OpenCvCamera(matrix, distortion, rvec, -rotation @ T_world_camera.translation), error
-
-    def depths(self, points: Array) -> Array:
-        """World points (n, 3) m → depths (n,) m along the optical axis."""
-        return np.asarray(points @ np.asarray(cv2.Rodrigues(self.rvec)[0])[2] + self.tvec[2])
-
-    def pixels(self, points: Array) -> Array:
-        """World points (n, 3) m → (n, 2) px; valid for points of positive depth only."""
-        if not len(points):
-            return np.zeros((0, 2))
-        pixels, _ = cv2.projectPoints(np.asarray(points, dtype=np.float64), self.rvec, self.tvec, self.matrix, self.distortion)
-        return np.asarray(pixels.reshape(-1, 2))
-
-
-def write_calibration(folder: Path, name: str, camera: OpenCvCamera) -> None:
-    """Write intrinsic/intr_NAME.xml and extrinsic/extr_NAME.xml in `folder` with OpenCV's FileStorage."""
-    _store(folder / "intrinsic" / f"intr_{name}.xml", {"camera_matrix": camera.matrix, "distortion_coefficients": camera.distortion[None]})
-    _store(folder / "extrinsic" / f"extr_{name}.xml", {"rvec": camera.rvec[:, None], "tvec": camera.tvec[:, None]})
+def write_calibration(folder: Path, name: str, camera: RecordingCamera) -> None:
+    """Write intrinsic/intr_NAME.xml and extrinsic/extr_NAME.xml of a pinhole in `folder` with OpenCV's FileStorage."""
+    assert isinstance(camera.camera, Pinhole)
+    (R, t), distortion = camera.opencv_extrinsics, np.array([camera.camera.distortion])
+    _store(folder / "intrinsic" / f"intr_{name}.xml", {"camera_matrix": camera.camera.matrix, "distortion_coefficients": distortion})
+    _store(folder / "extrinsic" / f"extr_{name}.xml", {"rvec": np.asarray(cv2.Rodrigues(R)[0]), "tvec": t[:, None]})
 
 
 def _store(path: Path, matrices: Mapping[str, Array]) -> None:
@@ -174,17 +136,20 @@ def _store(path: Path, matrices: Mapping[str, Array]) -> None:
     storage.release()
 
 
-def read_calibration(folder: Path, name: str, intrinsics: str = "intrinsic", unit: float = 1.0) -> OpenCvCamera:
-    """Read INTRINSICS/intr_NAME.xml and extrinsic/extr_NAME.xml in `folder`. unit: of the translation in the file, m.
+def read_calibration(folder: Path, name: str, size: tuple[int, int], intrinsic: str = "intrinsic", unit: float = 1.0) -> RecordingCamera:
+    """Read INTRINSIC/intr_NAME.xml and extrinsic/extr_NAME.xml in `folder`. size: height, width px. unit: of the translation in the file, m.
 
     Raises ValueError with file and field where a file or a matrix is missing, has another shape, or holds numbers that are not finite.
     """
-    intrinsic, extrinsic = folder / intrinsics / f"intr_{name}.xml", folder / "extrinsic" / f"extr_{name}.xml"
-    matrix, distortion = _stored(intrinsic, {"camera_matrix": (3, 3), "distortion_coefficients": (5,)})
-    rvec, tvec = _stored(extrinsic, {"rvec": (3,), "tvec": (3,)})
-    if not (matrix[0, 0] > 0 and matrix[1, 1] > 0) or matrix[0, 1] or matrix[1, 0] or (matrix[2] != [0, 0, 1]).any():
-        raise ValueError(f"{intrinsic}: camera_matrix is {matrix.tolist()}, needs [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] px with fx, fy above 0")
-    return OpenCvCamera(matrix, distortion, rvec, unit * tvec)
+    inner, outer = folder / intrinsic / f"intr_{name}.xml", folder / "extrinsic" / f"extr_{name}.xml"
+    K, distortion = _stored(inner, {"camera_matrix": (3, 3), "distortion_coefficients": (5,)})
+    rvec, tvec = _stored(outer, {"rvec": (3,), "tvec": (3,)})
+    numbers = intrinsics(K, f"{inner}: camera_matrix")
+    try:
+        lens = Pinhole(size[1], size[0], **numbers, distortion=tuple(distortion.tolist()))
+    except ValueError as error:
+        raise ValueError(f"{inner}: {error}") from None
+    return RecordingCamera.of_opencv(lens, np.asarray(cv2.Rodrigues(rvec)[0]), unit * tvec)
 
 
 def _stored(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> list[Array]:
@@ -216,7 +181,7 @@ def _numbers(text: str, where: str) -> Array:
         values = np.array([float(word) for word in text.split()], dtype=np.float64)
     except ValueError as error:
         raise ValueError(f"{where}: {str(error)[:80]}, needs numbers") from None
-    if not (np.abs(values) <= LARGEST).all():
+    if not (np.abs(values) <= LARGEST_ID).all():
         raise ValueError(f"{where} is {values.tolist()[:12]}, needs finite numbers")
     return values
 
@@ -240,11 +205,9 @@ def write_config(path: Path, grid: GroundGrid, cameras: int, frames: int, size: 
 
 def read_ground_grid(path: Path) -> GroundGrid:
     """Read the ground grid of a config.json. Raises ValueError with the path for missing or invalid fields."""
-    content = read_json(path)
+    content = JsonObject(read_json(path), str(path))
+    rows, columns = content.integers("grid_shape", 2)
     try:
-        rows, columns = content["grid_shape"]
-        return GroundGrid(np.array(content["origin"], dtype=np.float64), int(columns), int(rows), float(content["grid_cell"]))
-    except (KeyError, TypeError) as error:
-        raise ValueError(f"{path}: field {error} is missing or of the wrong kind") from None
+        return GroundGrid(content.array("origin", (2,)), columns, rows, content.number("grid_cell"))
     except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+        raise ValueError(str(error) if str(error).startswith(str(path)) else f"{path}: {error}") from None

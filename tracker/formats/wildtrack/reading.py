@@ -18,16 +18,14 @@ import hashlib
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import cv2
 import numpy as np
 
-from tracker.formats.wildtrack.files import GroundGrid, OpenCvCamera, read_calibration, read_ground_grid, read_positions
+from tracker.formats.wildtrack.files import GroundGrid, read_calibration, read_ground_grid, read_positions
 from tracker.geometry import Array, Ints
-from tracker.geometry.lenses import Pinhole
+from tracker.geometry.camera_protocol import MAX_SIDE
 from tracker.io.image_files import NO_PICTURE, PICTURES, image_size
-from tracker.io.json_files import read_json
+from tracker.io.json_files import JsonObject, read_json
 from tracker.io.picture_folders import say_left_out, visible_files
 from tracker.io.resume import checksums
 from tracker.io.time_order import say
@@ -35,7 +33,7 @@ from tracker.recordings import Recording, RecordingCamera
 from tracker.recordings.folder import read_boxes
 from tracker.recordings.images import ImageFiles
 from tracker.recordings.recording import MAX_FRAMES
-from tracker.sequence.calibration import MAX_RATE
+from tracker.sequence.calibration import MAX_RATE, MIN_RATE
 
 WILDTRACK_CAMERAS = ("CVLab1", "CVLab2", "CVLab3", "CVLab4", "IDIAP1", "IDIAP2", "IDIAP3")
 WILDTRACK_GRID = GroundGrid(np.array([-3.0, -9.0]), 480, 1440)
@@ -77,21 +75,21 @@ def is_wildtrack(path: Path) -> bool:
     return any((path / "calibrations" / "extrinsic").glob("extr_*.xml"))
 
 
-def read_wildtrack(path: Path, intrinsics: str | None = None) -> Recording:
-    """Read a folder of one of the data sets. intrinsics: folder in calibrations/ of the intrinsics; None for the first of INTRINSICS that is there.
+def read_wildtrack(path: Path) -> Recording:
+    """Read a folder of one of the data sets.
 
     Frames without a file of annotations keep their numbers and have nobody. Detections and images may be absent.
     Raises ValueError with file and field for missing or invalid content, for people outside the grid, and for calibrations of a wrong unit.
     """
     layout = wildtrack_layout(path)
-    folder = _intrinsics(path, intrinsics)
+    folder = next((name for name in INTRINSICS if (path / "calibrations" / name).is_dir()), None)
+    if folder is None:
+        raise ValueError(f"{path / 'calibrations'}: has none of {', '.join(INTRINSICS)}, needs one with intr_NAME.xml of each camera")
     size = layout.size or _image_size(path, layout) or SIZE
     cameras = {}
     for name, stem in layout.cameras.items():
-        calibrated = read_calibration(path / "calibrations", stem, folder, layout.unit)
-        file = path / "calibrations" / "extrinsic" / f"extr_{stem}.xml"
-        cameras[name] = _camera(calibrated, size, path / "calibrations" / folder / f"intr_{stem}.xml")
-        _check_unit(cameras[name], layout, file)
+        cameras[name] = read_calibration(path / "calibrations", stem, size, folder, layout.unit)
+        _check_unit(cameras[name], layout, path / "calibrations" / "extrinsic" / f"extr_{stem}.xml")
     _check_views(cameras, layout, path / "calibrations")
     truth, annotations = _truth(path, layout)
     files = sorted((path / "detections").glob("[!.]*.txt"))
@@ -131,49 +129,14 @@ def wildtrack_layout(path: Path) -> WildtrackLayout:
     cameras = {f"C{number}": numbers[number] for number in sorted(numbers)}
     if not config.is_file():
         return WildtrackLayout("MultiviewX", cameras, 1.0, MULTIVIEWX_GRID, RATE, 1, None)
-    content = read_json(config)
-    if not isinstance(content, dict):
-        raise ValueError(f"{config}: is a {type(content).__name__}, needs an object with grid_shape, grid_cell and origin")
-    name = str(content.get("Dataset", "GMVD"))[:80]
-    return WildtrackLayout(name, cameras, 1.0, read_ground_grid(config), _rate(content, config), 1, _size(content, config))
-
-
-def _rate(content: dict[str, Any], config: Path) -> float:
-    rate = content.get("rate", RATE if content.get("Dataset") == "MultiviewX" else None)
-    if rate is None:
-        raise ValueError(
-            f'{config}: has no rate, needs the annotated frames per second, as in "rate": 2.0 (a field of pilsim; GMVD does not tell it)'
-        )
-    if isinstance(rate, bool) or not isinstance(rate, int | float) or not 0 < rate <= MAX_RATE:
-        raise ValueError(f"{config}: rate is {str(rate)[:40]}, needs more than 0 and at most {MAX_RATE:g} frames/s")
-    return float(rate)
-
-
-def _size(content: dict[str, Any], config: Path) -> tuple[int, int] | None:
-    shape = content.get("img_shape")
-    if shape is None:
-        return None
-    if not isinstance(shape, list) or len(shape) != 2 or not all(isinstance(n, int) and 0 < n < 1 << 16 for n in shape):
-        raise ValueError(f"{config}: img_shape is {str(shape)[:40]}, needs height and width in pixels")
-    return shape[0], shape[1]
-
-
-def _intrinsics(path: Path, wanted: str | None) -> str:
-    there = [name for name in INTRINSICS if (path / "calibrations" / name).is_dir()]
-    if wanted is not None and wanted not in there:
-        raise ValueError(f"{path / 'calibrations' / wanted}: no such folder; there are {', '.join(there) or 'none'}")
-    if not there:
-        raise ValueError(f"{path / 'calibrations'}: has none of {', '.join(INTRINSICS)}, needs one with intr_NAME.xml of each camera")
-    return wanted or there[0]
-
-
-def _camera(calibrated: OpenCvCamera, size: tuple[int, int], file: Path) -> RecordingCamera:
-    K, (height, width) = calibrated.matrix, size
-    try:
-        camera = Pinhole(width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2], tuple(calibrated.distortion.tolist()))
-    except ValueError as error:
-        raise ValueError(f"{file}: {error}") from None
-    return RecordingCamera.of_opencv(camera, np.asarray(cv2.Rodrigues(calibrated.rvec)[0]), calibrated.tvec)
+    content = JsonObject(read_json(config), str(config))
+    name, size, rate = str(content.values.get("Dataset", "GMVD"))[:80], None, RATE
+    if name != "MultiviewX" or "rate" in content.values:
+        rate = content.number("rate", MIN_RATE, MAX_RATE, "annotated frames per second, a field of pilsim, as GMVD does not tell it")
+    if "img_shape" in content.values:
+        height, width = content.array("img_shape", (2,), 1, MAX_SIDE, "height and width in pixels").astype(int).tolist()
+        size = height, width
+    return WildtrackLayout(name, cameras, 1.0, read_ground_grid(config), rate, 1, size)
 
 
 def _check_unit(camera: RecordingCamera, layout: WildtrackLayout, file: Path) -> None:
@@ -233,7 +196,7 @@ def _truth(path: Path, layout: WildtrackLayout) -> tuple[dict[int, tuple[Ints, A
 
 def _feet(feet: Array, place: Array, cell: float, where: str) -> Array:
     """The exact place of a person, a field of pilsim. Raises ValueError where it is not that of the positionID."""
-    if feet.shape != (3,) or not np.isfinite(feet).all() or np.abs(feet[:2] - place[:2]).max() > cell:
+    if np.abs(feet[:2] - place[:2]).max() > cell:
         raise ValueError(f"{where}: feet is {feet.tolist()}, needs x, y, z within {cell:g} m of its positionID at {place[:2].tolist()}")
     return feet
 

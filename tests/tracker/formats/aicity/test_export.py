@@ -120,8 +120,8 @@ def test_only_pinholes_without_distortion_are_held(sequence: Path) -> None:
     recorded = RecordedSequence.open(sequence)
     view = recorded.fixed["view_0"]
     assert isinstance(view.camera, Tsai)
-    same = Pinhole(view.camera.width, view.camera.height, *camera_of("view_0", view, recorded).K[[0, 1, 0, 1], [0, 1, 2, 2]].tolist())
-    assert_array_equal(camera_of("view_0", replace(view, camera=same), recorded).projection, camera_of("view_0", view, recorded).projection)
+    same = camera_of("view_0", view, recorded).camera
+    assert isinstance(same, Pinhole)
     for bent in (replace(view.camera, kappa1=0.001), replace(same, distortion=(0.0, 0.0, 0.001, 0.0, 0.0))):
         with pytest.raises(ValueError, match=r"plaza: view_0 is .*, aicity needs a pinhole camera without distortion"):
             camera_of("view_0", replace(view, camera=bent), recorded)

@@ -11,7 +11,6 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tracker.formats.aicity.files import (
-    AiCityCamera,
     AiCityObject,
     AiCityRows,
     read_calibration,
@@ -22,9 +21,11 @@ from tracker.formats.aicity.files import (
     write_results,
 )
 from tracker.geometry import exp_so3
+from tracker.geometry.cameras import Pinhole
+from tracker.recordings import RecordingCamera
 
-K = np.array([[1200.5, 0.0, 960.0], [0.0, 1190.0, 540.0], [0.0, 0.0, 1.0]])
-CAMERAS = [AiCityCamera(f"Camera_{k:02d}", K, exp_so3([1.9, 0.1 * k, 0.2]), np.array([1.0, 2.0, 8.0 + k]), 1920, 1080, 30.0) for k in range(2)]
+LENS = Pinhole(1920, 1080, 1200.5, 1190.0, 960.0, 540.0)
+CAMERAS = {f"Camera_{k:02d}": RecordingCamera.of_opencv(LENS, exp_so3([1.9, 0.1 * k, 0.2]), [1.0, 2.0, 8.0 + k]) for k in range(2)}
 SENSOR = {
     "type": "camera",
     "id": "Camera",
@@ -53,27 +54,28 @@ def changed(value: Any, path: tuple[Any, ...], new: Any) -> Any:
 
 def test_calibration_reads_back_and_projects_as_opencv(tmp_path: Path) -> None:
     path = tmp_path / "calibration.json"
-    write_calibration(path, CAMERAS)
+    write_calibration(path, 30.0, CAMERAS)
     points = np.random.default_rng(0).uniform([-3, -3, 0], [3, 3, 2], (20, 3))
-    for found, written, sensor in zip(read_calibration(path), CAMERAS, json.loads(path.read_text())["sensors"], strict=True):
-        assert (found.name, found.width, found.height, found.rate) == (written.name, 1920, 1080, 30.0)
-        for name in ("K", "R", "t"):
-            assert_allclose(getattr(found, name), getattr(written, name), atol=1e-12)
-        expected = cv2.projectPoints(points, cv2.Rodrigues(written.R)[0], written.t, K, np.zeros(5))[0][:, 0]
+    rate, found = read_calibration(path)
+    assert (rate, list(found)) == (30.0, list(CAMERAS))
+    for (name, written), sensor in zip(CAMERAS.items(), json.loads(path.read_text())["sensors"], strict=True):
+        assert found[name].camera == LENS
+        R, t = written.opencv_extrinsics
+        assert_allclose(found[name].opencv_extrinsics[0], R, atol=1e-12)
+        expected = cv2.projectPoints(points, cv2.Rodrigues(R)[0], t, LENS.matrix, np.zeros(5))[0][:, 0]
         homogeneous = np.column_stack([points, np.ones(20)]) @ np.array(sensor["cameraMatrix"]).T
         assert_allclose(homogeneous[:, :2] / homogeneous[:, 2:], expected, rtol=1e-9)
-        ground = np.column_stack([points[:, :2], np.ones(20)])
-        flat = ground @ np.array(sensor["homography"]).T
-        on_ground = cv2.projectPoints(points * [1, 1, 0], cv2.Rodrigues(written.R)[0], written.t, K, np.zeros(5))[0][:, 0]
+        flat = np.column_stack([points[:, :2], np.ones(20)]) @ np.array(sensor["homography"]).T
+        on_ground = cv2.projectPoints(points * [1, 1, 0], cv2.Rodrigues(R)[0], t, LENS.matrix, np.zeros(5))[0][:, 0]
         assert_allclose(flat[:, :2] / flat[:, 2:], on_ground, rtol=1e-9)
-        assert_allclose([sensor["coordinates"][axis] for axis in "xyz"], -written.R.T @ written.t)
+        assert_allclose([sensor["coordinates"][axis] for axis in "xyz"], -R.T @ t)
 
 
 def test_other_sensors_are_left_out_and_numbers_may_be_text(tmp_path: Path) -> None:
     path = tmp_path / "calibration.json"
     path.write_text(json.dumps({"sensors": [SENSOR, {"type": "lidar", "id": "L"}]}))
-    (camera,) = read_calibration(path)
-    assert (camera.name, camera.width, camera.height, camera.rate) == ("Camera", 1920, 1080, 30.0)
+    rate, cameras = read_calibration(path)
+    assert (rate, list(cameras), cameras["Camera"].camera.width, cameras["Camera"].camera.height) == (30.0, ["Camera"], 1920, 1080)
 
 
 @pytest.mark.parametrize(
@@ -81,24 +83,17 @@ def test_other_sensors_are_left_out_and_numbers_may_be_text(tmp_path: Path) -> N
     [
         (("sensors",), None, "sensors is missing"),
         (("sensors",), [], "sensors holds no camera"),
-        (("sensors", 0), 3, r"sensors\[0\]: id is missing"),
-        (("sensors", 0, "id"), "a/b", r"sensors\[0\] \(a/b\): id is 'a/b', needs a name"),
-        (("sensors", 0, "attributes"), {}, r"\(Camera\).attributes: needs a list"),
-        (("sensors", 0, "attributes", 1, "value"), "wide", "frameWidth is wide, needs a number"),
-        (("sensors", 0, "attributes", 1, "value"), 10**9, "frameWidth is 1000"),
-        (("sensors", 0, "attributes", 1, "value"), 19.5, "frameWidth and frameHeight are 19.5 x 1080.0, need whole numbers"),
-        (("sensors", 0, "attributes", 2, "value"), 0, "1920 x 0, need 1 to 100000"),
-        (("sensors", 0, "attributes", 0, "value"), -1, "fps is -1.0, needs more than 0"),
-        (("sensors", 0, "attributes", 0, "name"), "rate", "fps is None, needs a number"),
-        (("sensors", 0, "intrinsicMatrix"), [[1, 2], [3, 4]], "intrinsicMatrix is .*, needs 3 x 3 numbers"),
+        (("sensors", 0), 3, r"sensors\[0\]: a JSON int, needs an object"),
+        (("sensors", 0, "id"), "a/b", r"sensors\[0\]: id is 'a/b', needs a name"),
+        (("sensors", 0, "attributes"), {}, r"sensors\[0\]: attributes is dict, needs list"),
+        (("sensors", 0, "attributes", 1, "value"), "wide", r"attributes\[1\]: 'wide' is the value of frameWidth, needs a number"),
+        (("sensors", 0, "attributes", 1, "value"), 19.5, "attributes: frameWidth is 19.5, needs a whole number"),
+        (("sensors", 0, "attributes", 0, "value"), -1, "attributes: fps is -1, needs a number from"),
+        (("sensors", 0, "attributes", 0, "name"), "rate", "fps is missing, needs a number"),
         (("sensors", 0, "intrinsicMatrix", 0), [1, 2], "intrinsicMatrix is .*, needs 3 x 3 numbers"),
-        (("sensors", 0, "intrinsicMatrix", 0, 0), "x", "needs 3 x 3 numbers"),
-        (("sensors", 0, "intrinsicMatrix", 0, 0), -(2**63), "needs 3 x 3 numbers"),
-        (("sensors", 0, "intrinsicMatrix", 0, 0), -5, "with fx and fy above 0"),
-        (("sensors", 0, "intrinsicMatrix", 0, 1), 3, r"needs \[\[fx, 0, cx\]"),
-        (("sensors", 0, "extrinsicMatrix", 2, 1), 0.9, "differ from a rotation by 0.19, needs at most 0.001"),
-        (("sensors", 0, "extrinsicMatrix", 2, 1), -1, "differ from a rotation by 0, needs .* no mirror"),
-        (("sensors", 0, "extrinsicMatrix"), None, "extrinsicMatrix is None, needs 3 x 4 numbers"),
+        (("sensors", 0, "intrinsicMatrix", 0, 0), -5, "with fx, fy above 0"),
+        (("sensors", 0, "extrinsicMatrix", 2, 1), 0.9, "extrinsicMatrix is no rotation"),
+        (("sensors", 0, "extrinsicMatrix"), None, "extrinsicMatrix is missing, needs 3 x 4 numbers"),
         (("sensors",), [SENSOR, SENSOR], "name 'Camera' twice"),
     ],
 )
@@ -127,19 +122,16 @@ def test_truth_reads_back(tmp_path: Path) -> None:
     ("path", "new", "message"),
     [
         (("5",), {}, "frame 5 is a dict, needs a list"),
-        (("x",), [], "frame is 'x', needs a whole number"),
-        (("-1",), [], "frame is '-1'"),
-        (("1000000",), [], "needs a whole number from 0 to less than 1000000"),
-        (("05",), [], "frame 5 stands twice"),
-        (("5", 0), 1, "frame 5: object 0 is a int, needs an object"),
-        (("5", 0, "object type"), None, "frame 5: object 0: object type is None"),
+        (("-1",), [], "frame is '-1', needs each whole number"),
+        (("1000000",), [], "from 0 to less than 1000000"),
+        (("05",), [], "frame is '05', needs each whole number once"),
+        (("5", 0), 1, "frame 5: object 0: a JSON int, needs an object"),
+        (("5", 0, "object type"), None, "frame 5: object 0: object type is missing"),
         (("5", 0, "object id"), True, "object id is True, needs a whole number"),
-        (("5", 0, "object id"), 2**53, "object id is 9007199254740992"),
         (("5", 0, "3d location"), [1, 2], "3d location is .*, needs 3 numbers"),
-        (("5", 0, "3d location", 0), 1e9, "3d location is .*, needs 3 numbers below 1e"),
-        (("5", 0, "3d bounding box scale", 1), 0, "3d bounding box scale is .*, needs sizes above 0"),
-        (("5", 0, "3d bounding box rotation"), "up", "3d bounding box rotation is up, needs 3 numbers"),
-        (("5", 0, "2d bounding box visible"), [], "2d bounding box visible is a list"),
+        (("5", 0, "3d location", 0), 1e9, "3d location is .*, needs 3 numbers from -1e"),
+        (("5", 0, "3d bounding box scale", 1), 0, "3d bounding box scale is .*, needs 3 numbers from 1e-300"),
+        (("5", 0, "2d bounding box visible"), [], "2d bounding box visible: a JSON list"),
         (("5", 0, "2d bounding box visible", "Camera"), [30, 20, 10, 90], "needs the first x and y before the last"),
         (("5",), [OBJECT, OBJECT], "frame 5 holds an object id of a class twice"),
     ],
@@ -177,15 +169,13 @@ GOOD = "1 0 7 0 1 2 0.9 0.6 0.6 1.75 0.1"
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("1 0 7 0 1 2 0.9 0.6 0.6 1.75", "10 values, needs 11: scene_id class_id"),
-        ("1 0 7 0.5 1 2 0.9 0.6 0.6 1.75 0", "frame_id is '0.5', needs a whole number"),
-        ("1 0 7 nan 1 2 0.9 0.6 0.6 1.75 0", "frame_id is 'nan', needs a whole number"),
+        ("1 0 7 0 1 2 0.9 0.6 0.6 1.75", "10 values, needs 11"),
+        ("1 0 7 0.5 1 2 0.9 0.6 0.6 1.75 0", "frame_id is 0.5, needs a whole number"),
         ("1 0 -7 0 1 2 0.9 0.6 0.6 1.75 0", "object_id is -7, needs 0 to less than 9007199254740992"),
         ("1 0 7 1000000 1 2 0.9 0.6 0.6 1.75 0", "frame_id is 1000000, needs 0 to less than 1000000"),
         ("1 0 7 1 x 2 0.9 0.6 0.6 1.75 0", "x is 'x', needs a number"),
-        ("1 0 7 1 1 2 inf 0.6 0.6 1.75 0", "z is 'inf', needs a number below"),
-        ("1 0 7 1 1 2 0.9 0.6 0 1.75 0", "length is 0, needs more than 0"),
-        (GOOD, "frame 0 holds object 7 of class 0 twice"),
+        ("1 0 7 1 1 2 0.9 0.6 0 1.75 0", "length is 0.0, needs more than 0"),
+        (GOOD, "frame 0 holds id 7 twice"),
     ],
 )
 def test_bad_results_are_refused_with_their_line(tmp_path: Path, line: str, message: str) -> None:

@@ -82,17 +82,12 @@ def test_jrdb_own_files_are_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ([], "has no labels"),
+        ([], "a JSON list, needs an object"),
         ({"labels": {"a.jpg": []}}, "labels of 'a.jpg', needs NUMBER.jpg"),
         ({"labels": {"000001.png": []}}, "labels of '000001.png', needs NUMBER.jpg"),
-        (
-            {"labels": {"1.jpg": [{"label_id": "car:4", "box": [1, 2, 3, 4], "visibility": 1}]}},
-            "frame 1: label_id is 'car:4', needs pedestrian:NUMBER",
-        ),
-        ({"labels": {"1.jpg": [{"label_id": "pedestrian:4", "box": [1, 2, 3], "visibility": 1}]}}, "frame 1: box"),
-        ({"labels": {"1.jpg": [{"label_id": "pedestrian:4"}]}}, "frame 1: field 'box' is missing"),
-        ({"labels": {"1.jpg": [{"label_id": "pedestrian:4", "box": [1, 2, 3, 4], "visibility": 2}]}}, "frame 1: visible is 2"),
-        ({"labels": {"1.jpg": [{"label_id": "pedestrian:9007199254740992", "box": [1, 2, 3, 4], "visibility": 1}]}}, "needs 0 to less than 2"),
+        ({"labels": {"1.jpg": [{"label_id": "car:4", "box": [1, 2, 3, 4], "visibility": 1}]}}, "label_id is 'car:4', needs pedestrian:NUMBER"),
+        ({"labels": {"1.jpg": [{"label_id": "pedestrian:4"}]}}, r"labels: 1\.jpg\[0\]: box is missing"),
+        ({"labels": {"1.jpg": [{"label_id": "pedestrian:4", "box": [1, 2, 3, 4], "visibility": 2}]}}, "visibility is 2, needs a number from 0 to 1"),
     ],
 )
 def test_errors_name_the_file(tmp_path: Path, content: object, message: str) -> None:

@@ -120,8 +120,8 @@ def broken(folder: str, old: str, new: str) -> Callable[[Path], object]:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (broken(LABELS_3D, '"cx": 2.0', '"cx": "left"'), r"labels_3d/.*json: frame 6: box.cx is 'left', needs a number"),
-        (broken(LABELS_3D, '"cx": 2.0, ', ""), r"labels_3d/.*json: frame 6: field 'cx' is missing"),
+        (broken(LABELS_3D, '"cx": 2.0', '"cx": "left"'), r"labels_3d/.*json: labels: 000006\.pcd\[0\]: box: cx is 'left', needs a number"),
+        (broken(LABELS_3D, '"cx": 2.0, ', ""), r"labels_3d/.*json: .*box: cx is missing"),
         (broken(LABELS_3D, "000006.pcd", "six.pcd"), r"labels of 'six\.pcd', needs NUMBER\.pcd"),
         (broken(LABELS_3D, "000024.pcd", "99000024.pcd"), r"needs less than 200000"),
         (broken(LABELS_2D, "pedestrian:3", "cyclist:3"), r"label_id is 'cyclist:3', needs pedestrian:NUMBER"),

@@ -16,7 +16,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.tracker.formats.scene import FRAMES, RATE
 from tracker.formats.exporting import ExportOptions, export
-from tracker.formats.ros.bag import filled, message_types
 from tracker.formats.ros.scene import README, ros_names
 from tracker.geometry import Array, Pose, rotation_from_quaternion
 from tracker.sequence.reader import read_sequence
@@ -87,22 +86,6 @@ def test_summary_has_statistics_and_an_index(bag: Path) -> None:
     assert summary.statistics.message_end_time == round((FRAMES - 1) / RATE * 1e9)
     assert summary.statistics.chunk_count == len(summary.chunk_indexes) > 0
     assert all(schema.encoding == "ros2msg" and schema.data for schema in summary.schemas.values())
-
-
-def test_rosbags_reads_the_folder(bag: Path, messages: dict[str, list[tuple[int, Any]]]) -> None:
-    """rosbags reads folder and file, deserializes all by the definitions in the file, and finds the static topics latched."""
-    highlevel = pytest.importorskip("rosbags.highlevel")
-    from rosbags.interfaces import QosDurability
-
-    for place in (bag.parent, bag):
-        with highlevel.AnyReader([place]) as reader:
-            found = [(c.topic, time, reader.deserialize(raw, c.msgtype)) for c, time, raw in reader.messages()]
-            latched = {c.topic for c in reader.connections if c.ext.offered_qos_profiles[0].durability is QosDurability.TRANSIENT_LOCAL}
-        assert latched == set(ONCE)
-        assert Counter(topic for topic, _, _ in found) == {topic: len(entries) for topic, entries in messages.items()}
-        poses = [m for topic, _, m in found if topic == "/robot_0/truth/pose"]
-        for theirs, (_, ours) in zip(poses, messages["/robot_0/truth/pose"], strict=True):
-            assert theirs.pose.position.x == ours.pose.position.x
 
 
 def matrix(transform: Any) -> Pose:
@@ -251,16 +234,3 @@ def test_names_of_ros() -> None:
     assert ros_names(["C 1", "Kamera", "1"]) == {"C 1": "C_1", "Kamera": "Kamera", "1": "n_1"}
     with pytest.raises(ValueError, match="names 'C-1' and 'C 1' are both C_1 in ROS"):
         ros_names(["C 1", "C-1"])
-
-
-def test_without_rosbags_one_line_says_what_to_install(sequence: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    message_types.cache_clear()
-    monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
-    with pytest.raises(ValueError, match=r"bags need rosbags: pip install 'pilsim\[ros\]'"):
-        export(sequence, "mcap", tmp_path / "out")
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_field_that_no_message_has_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"message geometry_msgs/msg/Point has \['w'\]"):
-        filled(message_types(), "geometry_msgs/msg/Point", {"w": 1.0})

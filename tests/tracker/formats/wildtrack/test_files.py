@@ -14,8 +14,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from tracker.formats.wildtrack.files import (
     GroundGrid,
-    OpenCvCamera,
     WildtrackPosition,
+    opencv_camera,
     read_calibration,
     read_ground_grid,
     read_positions,
@@ -73,63 +73,61 @@ def test_position_ids_count_along_x_first() -> None:
 
 def test_pinhole_equals_opencv_camera(tmp_path: Path) -> None:
     camera, T = pinhole(320, 240, 1.1), Pose.planar(3, -2, 0.7, 2.5)
-    calibrated, error = OpenCvCamera.of(camera, T)
+    calibrated, error = opencv_camera(camera, T)
     assert error < 1e-9
-    assert not calibrated.distortion.any()
     write_calibration(tmp_path, "Camera1", calibrated)
-    again = read_calibration(tmp_path, "Camera1")
-    for name in ("matrix", "distortion", "rvec", "tvec"):
-        assert_allclose(getattr(again, name), getattr(calibrated, name), rtol=1e-15)
+    again = read_calibration(tmp_path, "Camera1", (240, 320))
+    assert again.camera == calibrated.camera
     points = T.apply(np.random.default_rng(0).uniform([4, -2, -1], [9, 2, 1], (50, 3)))
-    assert_allclose(again.pixels(points), camera.pixels_from_bearings(T.inverse().apply(points))[0], atol=1e-9)
+    pixels = again.camera.pixels_from_bearings(again.pose.inverse().apply(points))[0]
+    assert_allclose(pixels, camera.pixels_from_bearings(T.inverse().apply(points))[0], atol=1e-8)
 
 
-@pytest.mark.parametrize(("view", "bound"), [(1, 0.002), (4, 1e-6), (8, 8.0)])
+@pytest.mark.parametrize(("view", "bound"), [(1, 0.002), (8, 8.0)])
 def test_real_cameras_are_approximated_within_the_stated_error(data: Any, view: int, bound: float) -> None:
     _, camera, T = read_camera(data("pets2009", "calibration", f"View_00{view}.xml"))
-    calibrated, error = OpenCvCamera.of(camera, T)
+    calibrated, error = opencv_camera(camera, T)
     assert error < bound
     pixels = np.random.default_rng(view).uniform([0, 0], [camera.width - 1, camera.height - 1], (300, 2))
-    points = T.apply(10 * camera.bearings_from_pixels(pixels))
-    assert np.linalg.norm(calibrated.pixels(points) - pixels, axis=1).max() < 1.1 * error + 1e-6
+    again = calibrated.camera.pixels_from_bearings(camera.bearings_from_pixels(pixels))[0]
+    assert np.linalg.norm(again - pixels, axis=1).max() < 1.1 * error + 1e-6
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ('[{"personID": 1, "views": []}]', "field 'positionID' is missing"),
+        ('[{"personID": 1, "views": []}]', "positionID is missing"),
         (
             '[{"personID": 1, "positionID": 0, "views": [{"viewNum": 1, "xmin": 0, "ymin": 0, "xmax": 0, "ymax": 0}]}]',
-            "person 1: views are not numbered",
+            r"people\[0\]: views are not numbered",
         ),
-        ("[3]", "needs a list with an object for each person"),
-        ("{", "not JSON"),
+        ("[3]", r"people\[0\]: a JSON int, needs an object"),
+        ("{}", "people is dict, needs list"),
     ],
 )
 def test_invalid_annotation_is_refused(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "0.json").write_text(text)
-    with pytest.raises(ValueError, match=message) as error:
+    with pytest.raises(ValueError, match=f"0.json: .*{message}"):
         read_positions(tmp_path / "0.json")
-    assert str(error.value).startswith(str(tmp_path / "0.json"))
 
 
-def test_invalid_files_and_ids_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="personID is 9007199254740992"):
-        write_positions(tmp_path / "0.json", [WildtrackPosition(2**53, 0, np.zeros((0, 4), dtype=np.int64))])
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("<rvec>3</rvec>", r"line 3: rvec has shape \(1, 1\), needs 3 numbers"),
+        ("<rvec>0 0 up</rvec>", "line 3: rvec: could not convert string to float: 'up', needs numbers"),
+    ],
+)
+def test_invalid_calibrations_are_refused(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(ValueError, match=r"intr_Camera1\.xml: no such file"):
-        read_calibration(tmp_path, "Camera1")
-    calibrated, _ = OpenCvCamera.of(pinhole(320, 240, 1.1), Pose.identity())
-    write_calibration(tmp_path, "Camera1", calibrated)
-    (tmp_path / "extrinsic" / "extr_Camera1.xml").write_text('<?xml version="1.0"?>\n<opencv_storage>\n<rvec>3</rvec></opencv_storage>\n')
-    with pytest.raises(ValueError, match=r"extr_Camera1\.xml:line 3: rvec has shape \(1, 1\), needs 3 numbers"):
-        read_calibration(tmp_path, "Camera1")
-    text = '<?xml version="1.0"?>\n<opencv_storage>\n<rvec>0 0 up</rvec></opencv_storage>\n'
-    (tmp_path / "extrinsic" / "extr_Camera1.xml").write_text(text)
-    with pytest.raises(ValueError, match=r"extr_Camera1\.xml:line 3: rvec: could not convert string to float: 'up', needs numbers"):
-        read_calibration(tmp_path, "Camera1")
-    (tmp_path / "extrinsic" / "extr_Camera1.xml").write_text("nothing")
-    with pytest.raises(ValueError, match=r"extr_Camera1\.xml: is not XML"):
-        read_calibration(tmp_path, "Camera1")
+        read_calibration(tmp_path, "Camera1", (240, 320))
+    write_calibration(tmp_path, "Camera1", opencv_camera(pinhole(320, 240, 1.1), Pose.identity())[0])
+    (tmp_path / "extrinsic" / "extr_Camera1.xml").write_text(f'<?xml version="1.0"?>\n<opencv_storage>\n{text}</opencv_storage>\n')
+    with pytest.raises(ValueError, match=rf"extr_Camera1\.xml:{message}"):
+        read_calibration(tmp_path, "Camera1", (240, 320))
+
+
+def test_an_empty_grid_is_refused(tmp_path: Path) -> None:
     (tmp_path / "config.json").write_text('{"grid_shape": [0, 4], "origin": [0, 0], "grid_cell": 0.1}')
     with pytest.raises(ValueError, match=r"config.json: region is 4 x 0 cells"):
         read_ground_grid(tmp_path / "config.json")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tracker.formats.wildtrack.files import GroundGrid, OpenCvCamera, WildtrackPosition, write_calibration, write_config, write_positions
+from tracker.formats.wildtrack.files import GroundGrid, WildtrackPosition, opencv_camera, write_calibration, write_config, write_positions
 from tracker.formats.wildtrack.reading import WILDTRACK_CAMERAS, is_wildtrack, read_wildtrack
 from tracker.geometry import Pose
 from tracker.geometry.cameras import pinhole
@@ -31,7 +32,7 @@ CORNERS = ((0.0, 0.0, 0.6), (25.0, 16.0, 0.6 + np.pi))
 def multiviewx(folder: Path, positions: tuple[int, ...] = (0, 12_345, 639_999), frames: int = 2) -> Path:
     """A folder laid out as MultiviewX: two cameras, and people who stand on `positions`, without `views`."""
     for number, (x, y, heading) in enumerate(CORNERS, 1):
-        camera, _ = OpenCvCamera.of(pinhole(1920, 1080, 1.4), Pose.planar(x, y, heading, 4.0))
+        camera, _ = opencv_camera(pinhole(1920, 1080, 1.4), Pose.planar(x, y, heading, 4.0))
         write_calibration(folder / "calibrations", f"Camera{number}", camera)
     (folder / "annotations_positions").mkdir()
     for frame in range(frames):
@@ -66,7 +67,7 @@ def test_a_grid_of_config_json_and_its_rate(tmp_path: Path) -> None:
     assert_allclose(recording.area, [[10, 5], [14, 8]])
     assert_allclose((recording.truth or {})[0][1], [[10.3, 5.2, 0]])
     write_config(tmp_path / "config.json", GroundGrid(np.zeros(2), 40, 30, 0.1), 2, 2, (1080, 1920))
-    with pytest.raises(ValueError, match=r"config\.json: has no rate, needs the annotated frames per second"):
+    with pytest.raises(ValueError, match=r"config\.json: rate is missing, needs a number .*annotated frames per second"):
         read_wildtrack(tmp_path)
 
 
@@ -126,14 +127,14 @@ def edited(folder: Path, name: str, old: str, new: str) -> None:
 
 def centimetres(folder: Path) -> None:
     for number, (x, y, heading) in enumerate(CORNERS, 1):
-        camera, _ = OpenCvCamera.of(pinhole(1920, 1080, 1.4), Pose.planar(x, y, heading, 4.0))
-        scaled = OpenCvCamera(camera.matrix, camera.distortion, camera.rvec, 100 * camera.tvec)
+        camera, _ = opencv_camera(pinhole(1920, 1080, 1.4), Pose.planar(x, y, heading, 4.0))
+        scaled = replace(camera, pose=Pose(camera.pose.rotation, 100 * camera.pose.translation))
         write_calibration(folder / "calibrations", f"Camera{number}", scaled)
 
 
 def looking_away(folder: Path) -> None:
     for number, (x, y, heading) in enumerate(CORNERS, 1):
-        camera, _ = OpenCvCamera.of(pinhole(1920, 1080, 1.4), Pose.planar(x, y, heading + np.pi, 4.0))
+        camera, _ = opencv_camera(pinhole(1920, 1080, 1.4), Pose.planar(x, y, heading + np.pi, 4.0))
         write_calibration(folder / "calibrations", f"Camera{number}", camera)
 
 
@@ -153,7 +154,7 @@ FAULTS: dict[str, tuple[Callable[[Path], object], str]] = {
         r"00001\.json: person 12: positionID is 640000, needs 0 to 639999, a point of the grid of 1000 x 640",
     ),
     "below the grid": (lambda f: edited(f, POSITIONS, ": 12345", ": -1"), r"person 11: positionID is -1, needs 0 to 639999"),
-    "half a cell": (lambda f: edited(f, POSITIONS, "12345", "12345.5"), r"00001\.json: positionID is 12345\.5, needs a whole number"),
+    "half a cell": (lambda f: edited(f, POSITIONS, "12345", "12345.5"), r"positionID is 12345\.5, needs a whole number"),
     "one person twice": (lambda f: edited(f, POSITIONS, '"personID": 11', '"personID": 10'), r"00001\.json: personID 10 occurs twice"),
     "a name that is no number": (
         lambda f: shutil.copy(f / POSITIONS, f / "annotations_positions" / "last.json"),
@@ -216,7 +217,6 @@ def test_a_wrong_camera_matrix_is_named(tmp_path: Path, matrix: np.ndarray, mess
 
 def test_a_distortion_that_folds_within_the_image_is_named(tmp_path: Path) -> None:
     multiviewx(tmp_path)
-    camera, _ = OpenCvCamera.of(pinhole(1920, 1080, 1.4), Pose.planar(0, 0, 0.6, 4.0))
-    write_calibration(tmp_path / "calibrations", "Camera1", OpenCvCamera(camera.matrix, np.array([-2.0, 0, 0, 0, 0]), camera.rvec, camera.tvec))
+    edited(tmp_path, "calibrations/intrinsic/intr_Camera1.xml", "0. 0. 0. 0. 0.", "-2. 0. 0. 0. 0.")
     with pytest.raises(ValueError, match=r"intr_Camera1\.xml: distortion .* folds within the image"):
         read_wildtrack(tmp_path)
