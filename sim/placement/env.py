@@ -115,8 +115,12 @@ class Placement(gymnasium.Env[Observation, Array]):
         observe([episode], rows)
         out = {name: array[0] for name, array in bounded(rows).items()}
         if self.config.observation == "pixels":
-            out["panoramas"] = np.concatenate(self._camera_views.render(episode, list(range(self.config.robots)), self.config.width))
+            out["panoramas"] = self.panoramas(episode)
         return out
+
+    def panoramas(self, episode: Episode) -> Image:
+        """The panoramas of all robots as one image, as in observations.space_of."""
+        return np.concatenate(self._camera_views.render(episode, list(range(self.config.robots)), self.config.width))
 
 
 class CameraViews:

@@ -10,7 +10,6 @@ from gymnasium import spaces
 from sim.placement.config import SPEED, YAW, YAW_RATE, PlacementConfig, X, Y
 from sim.placement.episode import Episode
 from sim.robots.driving import TOP_SPEED, TOP_YAW_RATE
-from tracker.geometry import Array
 from tracker.geometry.compilation import njit
 
 SIGMA_SCALE = 4.0
@@ -69,7 +68,10 @@ def observe(episodes: Sequence[Episode], out: Observation) -> None:
         assert episode.tracking is not None
         team, row = np.column_stack([episode.tracking.planar_poses(), episode.now.team[:, 3:]]), episode.row
         robot_rows(team, place.extent, out["robots"][row])
-        out["seen"][row], out["beliefs"][row] = episode.tracking.detection_rows(), _beliefs(episode)
+        out["seen"][row] = episode.tracking.detection_rows()
+        position, covariance = (found[: config.max_tracks] for found in episode.estimates())
+        unseen = np.zeros(len(position))
+        _belief_rows((unseen + 1.0, np.column_stack([position, unseen, unseen]), covariance), unseen, place.extent, out["beliefs"][row])
         map_rows(team, place.scene, size[:2], out["map"][row])
 
 
@@ -89,7 +91,7 @@ def _observe(rows, states, where, size, out):  # type: ignore[no-untyped-def]
         robot_rows(states.team[n], where[1], robots[n])
         _seen_rows(states.team[n], states.people[n], states.seen[n], size[2], seen[n])
         map_rows(states.team[n], where[0], size[:2], maps[n])
-        _belief_rows(states, n, where[1], beliefs[n])
+        _belief_rows((states.known[n], states.mean[n], states.covariance[n]), states.time_unseen[n], where[1], beliefs[n])
 
 
 @njit(cache=True)
@@ -105,13 +107,13 @@ def _seen_rows(team, people, share, reach, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _belief_rows(states, n, extent, out):  # type: ignore[no-untyped-def]
-    """Fill the rows (p, 9) of beliefs of episode n, as in `space_of`."""
-    known, mean, P = states.known[n], states.mean[n], states.covariance[n]
+def _belief_rows(believed, unseen, extent, out):  # type: ignore[no-untyped-def]
+    """Fill the rows (p, 9) of beliefs, as in `space_of`. believed: known (p,), mean (p, 4) and covariance. unseen (p,): s since last seen."""
+    known, mean, P = believed
     for p in range(len(known)):
         if known[p] > 0:
             sx, sy = np.sqrt(max(P[p, 0, 0], 1e-9)), np.sqrt(max(P[p, 1, 1], 1e-9))
-            out[p, 0], out[p, 8] = 1.0, states.time_unseen[n, p] / 30.0
+            out[p, 0], out[p, 8] = 1.0, unseen[p] / 30.0
             for k in range(2):
                 out[p, 1 + k] = 2.0 * (mean[p, k] - extent[0, k]) / (extent[1, k] - extent[0, k]) - 1.0
                 out[p, 3 + k] = mean[p, 2 + k] / SPEED_SCALE
@@ -149,17 +151,3 @@ def map_rows(team, scene, size, out):  # type: ignore[no-untyped-def]
                     continue
                 out[r, 0, i, j] = (floor[gi, gj] - level) / HEIGHT_SCALE
                 out[r, 1, i, j] = (top[gi, gj] - floor[gi, gj]) / HEIGHT_SCALE
-
-
-def _beliefs(episode: Episode) -> Array:
-    """Rows (k, 9) of beliefs of the tracker in the loop."""
-    out, config, tracking = np.zeros((episode.config.max_tracks, BELIEF_FEATURES)), episode.config, episode.tracking
-    assert tracking is not None
-    position, P = tracking.position[: config.max_tracks], tracking.covariance[: config.max_tracks]
-    rows = len(position)
-    sigma = np.sqrt(np.maximum(P[:, [0, 1], [0, 1]], 1e-9))
-    out[:rows, 0] = 1.0
-    out[:rows, 1:3] = episode.place.normalised(position)
-    out[:rows, 5:7] = sigma / SIGMA_SCALE
-    out[:rows, 7] = P[:, 0, 1] / sigma.prod(axis=1)
-    return out

@@ -2,8 +2,8 @@
 
     envs = gymnasium.make_vec("pilsim/Placement-v0", num_envs=64, vectorization_mode="vector_entry_point", robots=4, people=20)
 
-Kinematic environments that observe states share arrays and maps: one compiled call advances the environments of a map, and threads share
-these calls. Others step one by one. Each is a Placement, so that the same seed gives the same episode as in every other mode of make_vec.
+The environments share arrays and maps. One compiled call advances the kinematic environments of a map that observe states, and threads share
+these calls. Each is a Placement, so that the same seed gives the same episode as in every other mode of make_vec.
 The number of threads changes nothing.
 """
 
@@ -52,8 +52,7 @@ class PlacementVector(VectorEnv[Observation, Array, Array]):
         self.observation_space, self.action_space = batch_space(first.observation_space, num_envs), batch_space(first.action_space, num_envs)
         self.steps: np.ndarray = np.zeros(num_envs, dtype=np.int64)
         self._ended = np.zeros(num_envs, dtype=bool)
-        together = first.config.observation == "state" and first.config.drive == "kinematic"
-        self._states = States.begun(first.config, num_envs, COLUMNS) if together else None
+        self._states = States.begun(first.config, num_envs, COLUMNS)
         # Panoramas are drawn by OpenGL, which belongs to one thread.
         self._count = 1 if first.config.observation == "pixels" else min(threads or usable_cores(), num_envs)
         self._threads = ThreadPoolExecutor(self._count) if self._count > 1 else None
@@ -75,11 +74,13 @@ class PlacementVector(VectorEnv[Observation, Array, Array]):
             if self.envs[k].episode is None:
                 self.envs[k].step(rows[k])
         begun = {k: self._begin(k, None, None) for k in np.flatnonzero(self._ended).tolist()}
-        observation, reward, terminated, terms = (self._step_each if self._states is None else self._step_together)(kept, rows)
+        observation, terms = self._decide(kept, rows)
+        terminated: np.ndarray = np.zeros(self.num_envs, dtype=bool)
+        terminated[kept] = self._states.tipped[kept].all(axis=1)
         self.steps = np.where(self._ended, 0, self.steps + 1)
         truncated = ~self._ended & (self.steps >= (self.max_episode_steps or np.inf))
         self._ended = terminated | truncated
-        return observation, reward, terminated, truncated, self._infos(terms if kept else {}, begun, observation)
+        return observation, self._rewards(kept, terms), terminated, truncated, self._infos(terms if kept else {}, begun, observation)
 
     def render(self) -> Any:
         """The picture of each environment, as of Placement.render."""
@@ -93,19 +94,15 @@ class PlacementVector(VectorEnv[Observation, Array, Array]):
             env.close()
 
     def _begin(self, k: int, seed: int | None, options: dict[str, Any] | None) -> tuple[Observation, dict[str, Any]]:
-        found, env = self.envs[k].reset(seed=seed, options=options), self.envs[k]
-        if self._states is not None and env.episode is not None:
-            env.episode.move_to(self._states, k)
+        found = self.envs[k].reset(seed=seed, options=options)
+        self._episode(k).move_to(self._states, k)
         return found
 
-    def _step_together(self, kept: list[int], rows: Array) -> tuple[Observation, Array, np.ndarray, dict[str, Array]]:
-        """Advance the environments `kept` of shared arrays. Returns observations, rewards, who has terminated, and terms, with 0 for all others."""
-        assert self._states is not None
+    def _decide(self, kept: list[int], rows: Array) -> tuple[Observation, dict[str, Array]]:
+        """Advance the environments `kept`. Returns observations and terms, with 0 for all others."""
         by_map: dict[int, list[Episode]] = {}
         for k in kept:
-            episode = self.envs[k].episode
-            assert episode is not None
-            by_map.setdefault(id(episode.place), []).append(episode)
+            by_map.setdefault(id(self._episode(k).place), []).append(self._episode(k))
         out = empty(self.config, self.num_envs)
 
         def work(episodes: list[Episode]) -> None:
@@ -113,32 +110,29 @@ class PlacementVector(VectorEnv[Observation, Array, Array]):
             observe(episodes, out)
 
         self._each(work, [part for group in by_map.values() for n in range(self._count) if (part := group[n :: self._count])])
-        terms = {name: np.zeros(self.num_envs) for name in TERMS}
+        found, terms = bounded(out), {name: np.zeros(self.num_envs) for name in TERMS}
+        if self.config.observation == "pixels":
+            found["panoramas"] = np.zeros(self.observation_space["panoramas"].shape, dtype=np.uint8)  # type: ignore[index]
+            for k in kept:
+                found["panoramas"][k] = self.envs[k].panoramas(self._episode(k))
         for column, values in enumerate(terms.values()):
             values[kept] = self._states.terms[kept, column]
-        weights = self.envs[0].reward
-        if callable(weights) or GOSPA in weights:
+        if callable(self.envs[0].reward) or GOSPA in self.envs[0].reward:
             terms[GOSPA] = np.zeros(self.num_envs)
-            for episode in (one for group in by_map.values() for one in group):
-                terms[GOSPA][episode.row] = episode.relative_gospa()
-        if not callable(weights):
-            return bounded(out), np.zeros(self.num_envs) + weighted(weights, terms), np.zeros(self.num_envs, dtype=bool), terms
-        reward = np.zeros(self.num_envs)
-        reward[kept] = [reward_of(weights, {name: float(values[k]) for name, values in terms.items()}) for k in kept]
-        return bounded(out), reward, np.zeros(self.num_envs, dtype=bool), terms
+            terms[GOSPA][kept] = [self._episode(k).relative_gospa() for k in kept]
+        return found, terms
 
-    def _step_each(self, kept: list[int], rows: Array) -> tuple[Observation, Array, np.ndarray, dict[str, Array]]:
-        """As `_step_together`, for environments with arrays of their own."""
-        out: Any = create_empty_array(self.single_observation_space, self.num_envs, np.zeros)
-        terms: dict[str, Array] = {}
-        reward, terminated = np.zeros(self.num_envs), np.zeros(self.num_envs, dtype=bool)
-        for k, found in zip(kept, self._each(lambda k: self.envs[k].decide(rows[k]), kept), strict=True):
-            observation, reward[k], terminated[k], _, info = found
-            for name, array in observation.items():
-                out[name][k] = array
-            for name, value in info.items():
-                terms.setdefault(name, np.zeros(self.num_envs))[k] = value
-        return out, reward, terminated, terms
+    def _rewards(self, kept: list[int], terms: dict[str, Array]) -> Array:
+        weights, reward = self.envs[0].reward, np.zeros(self.num_envs)
+        if not callable(weights):
+            return reward + weighted(weights, terms)
+        reward[kept] = [reward_of(weights, {name: float(values[k]) for name, values in terms.items()}) for k in kept]
+        return reward
+
+    def _episode(self, k: int) -> Episode:
+        episode = self.envs[k].episode
+        assert episode is not None
+        return episode
 
     def _each(self, work: Callable[[Any], Any], items: list[Any]) -> list[Any]:
         return list(map(work, items) if self._threads is None else self._threads.map(work, items))
