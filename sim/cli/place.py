@@ -87,7 +87,7 @@ class Place:
     picture: Annotated[Path | None, Ending(".png"), unset("FILE.png", "none is drawn")] = None
     """A picture of the means with their intervals."""
     page: Annotated[Path | None, unset("DIR", "none is written")] = None
-    """A folder for index.html: tables, and pictures of the best and the worst episode of each policy."""
+    """A folder for index.html: tables, and videos of the best and the worst episode of each policy."""
     worlds: Annotated[tuple[str, ...], unset("NAME [NAME ...]", "that of --world")] = ()
     """Worlds of the comparison, with a table each. The policy learned was never trained in campus and ruins."""
     json: bool = False

@@ -1,4 +1,4 @@
-"""Pictures of the worst moments for the page: small JPEG files as data URIs."""
+"""Pictures and videos for the page: small JPEG and animated WebP files as data URIs."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Any
 import cv2
 
 from sim.report.rows import Row
+from tracker.geometry import Image
 from tracker.io.image_files import MOST_PIXELS, decode_image, image_size
 
 WIDTH = 1000
@@ -23,16 +24,17 @@ QUALITIES = (80, 65, 50, 35, 20)
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A JPEG and its size in px."""
+    """A picture or a video, its size in px, and the type of its data."""
 
     data: bytes
     width: int
     height: int
+    type: str = "jpeg"
 
     @property
     def uri(self) -> str:
         """The picture as a data URI."""
-        return "data:image/jpeg;base64," + base64.b64encode(self.data).decode("ascii")
+        return f"data:image/{self.type};base64," + base64.b64encode(self.data).decode("ascii")
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +83,15 @@ def _images(folder: Path, row: Row, moment: dict[str, Any]) -> tuple[list[Any], 
         except ValueError as error:
             raise ValueError(f"{path}: not an image, or torn: {error}") from None
     return found, missing
+
+
+def video(frames: Sequence[Image], seconds: float, quality: int) -> Picture:
+    """Frames (h, w, 3) RGB as an animated WebP, which browsers show as a picture that moves, again and again. seconds: of a frame."""
+    animation = cv2.Animation()
+    animation.frames = [cv2.cvtColor(frame, cv2.COLOR_RGB2BGR) for frame in frames]
+    animation.durations = [round(1000 * seconds)] * len(frames)
+    data = cv2.imencodeanimation(".webp", animation, [cv2.IMWRITE_WEBP_QUALITY, quality])[1]
+    return Picture(bytes(data), frames[0].shape[1], frames[0].shape[0], "webp")
 
 
 def jpeg(image: Any, quality: int) -> Picture:

@@ -1,4 +1,4 @@
-"""The page of a comparison of policies that place robots: means, paired differences, and pictures of the best and the worst episodes."""
+"""The page of a comparison of policies that place robots: means, paired differences, and videos of the best and the worst episodes."""
 
 from __future__ import annotations
 
@@ -15,12 +15,14 @@ from sim.placement.plan_view import draw_plan
 from sim.policies.rollouts import MEASURES_SHOWN, TITLES, EpisodeResult, differences, play, short_name, table
 from sim.report.findings import plural
 from sim.report.page import PageMoment, PageTable, render
-from sim.report.pictures import jpeg
+from sim.report.pictures import video
 from tracker.io.atomic import write_text
 
 PAGE = "index.html"
-PICTURES, WIDTH, QUALITY = 4, 640, 80
-"""Pictures of an episode, evenly spread; px of each; quality of JPEG."""
+FRAMES, WIDTH, QUALITY = 120, 480, 60
+"""Most frames of a video, evenly spread; its px; quality of WebP."""
+SECONDS = 0.125
+"""Of a frame: four times as fast as the episode."""
 GLOSSARY = (
     ("Information", "expected information about the place of a person, nats: 0 for somebody lost, 5 to 6 for somebody seen well."),
     ("HOTA, IDF1, MOTA", "scores of the tracker on the ground with distances of at most 1 m. Everybody counts, seen or not."),
@@ -29,7 +31,7 @@ GLOSSARY = (
     ("Difference", "a policy less the first one in the same episodes. The interval has 95 %. Where it holds 0, no difference is seen."),
 )
 ABOUT_EPISODES = (
-    "The best and the worst episode of each policy, in four pictures each, from the start to the end. People are green where two robots see them,"
+    "The best and the worst episode of each policy, four times as fast as they are. People are green where two robots see them,"
     " amber where one does, red where none does. Arrows are robots, crosses their goals. Ellipses show two standard deviations of people."
 )
 
@@ -109,16 +111,15 @@ def _moments(run: PlacementRun, world: str, results: Sequence[EpisodeResult]) ->
     for name in dict.fromkeys(result.policy for result in results):
         own = sorted((result for result in results if result.policy == name), key=lambda result: result.values[measure])
         for which, result in [("best", own[-1]), ("worst", own[0])] if len(own) > 1 else [("only", own[0])]:
-            pictures = tuple(jpeg(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), QUALITY) for picture in _played(run, world, result))
             heading = f"The {which} episode of {short_name(name)} in {world}"
             values = ", ".join(f"{one.replace('_', ' ')} {result.values[one]:.3f}" for one in MEASURES_SHOWN if one in result.values)
-            alternatives = tuple(f"{heading}, picture {k} of {len(pictures)}: plan view" for k in range(1, len(pictures) + 1))
-            yield PageMoment(heading, f"Seed {result.seed}: {values}.", pictures, alternatives, ())
+            moving = video(_played(run, world, result), SECONDS, QUALITY)
+            yield PageMoment(heading, f"Seed {result.seed}: {values}.", (moving,), (f"{heading}: plan view, a video",), ())
 
 
 def _played(run: PlacementRun, world: str, result: EpisodeResult) -> list[Any]:
     """Plan views (h, WIDTH, 3) RGB along an episode, which is played again."""
-    wanted = set(np.linspace(1, run.steps, PICTURES).round().astype(int).tolist())
+    wanted = set(np.linspace(1, run.steps, min(FRAMES, run.steps)).round().astype(int).tolist())
     out = []
     # A preset has a world of its own.
     options = dict(run.options) if "density" in run.options else {**run.options, "world": world}

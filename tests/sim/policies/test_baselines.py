@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import base64
 import json
+import re
 import sys
 from dataclasses import replace
 from xml.etree import ElementTree
 
+import cv2
 import numpy as np
 import pytest
 
@@ -15,7 +18,8 @@ from sim.cli.scenario_options import SceneOptions
 from sim.placement.config import PlacementConfig
 from sim.placement.map import MapKey, map_of
 from sim.policies.baselines import best_ring
-from sim.policies.planning import PeopleAhead, information_from, team_values
+from sim.policies.coverage import information_from
+from sim.policies.planning import PeopleAhead, team_values
 from sim.policies.policy import TeamKnowledge
 from sim.policies.rollouts import EpisodeResult, compare, differences, draw, policy_of, run_episodes, table, text
 
@@ -98,7 +102,7 @@ def test_information_of_a_plan_grows_with_views():
     known = TeamKnowledge(place, config, np.zeros((1, 3)), position, np.zeros((2, 2)), np.tile(np.eye(2), (2, 1, 1)), {})
     ahead = PeopleAhead.of(known, np.array([1.5]))
     nodes = np.arange(len(place.roadmap.nodes))
-    table = information_from(known, nodes, ahead)
+    table = information_from(place, config, nodes, ahead.feet)
     seen = table[:, 0].any(axis=(2, 3)).sum(axis=1)
     alone = team_values(ahead, table, nodes[:, None], [])
     assert (alone[seen == 0] == alone.min()).all()
@@ -107,15 +111,19 @@ def test_information_of_a_plan_grows_with_views():
 
 
 @pytest.mark.command
-def test_the_page_has_tables_and_pictures_of_episodes(tmp_path, capsys):
+def test_the_page_has_tables_and_videos_of_episodes(tmp_path, capsys):
     scene = SceneOptions(difficulty=0.5, robots=2, people=3)
     Place(policy=("static", "predictive"), worlds=("pilsun", "hall"), episodes=2, scene=scene, steps=4, page=tmp_path / "page").run()
     said, page = capsys.readouterr().out, (tmp_path / "page" / "index.html").read_text(encoding="utf-8")
     assert "pilsun, 4 decisions each" in said
     assert "hall, 4 decisions each" in said
     assert "The worst episode of predictive in hall" in page
-    # Two worlds, two policies, the best and the worst episode, four pictures each.
-    assert page.count("data:image/jpeg") == 2 * 2 * 2 * 4
+    # Two worlds, two policies, the best and the worst episode.
+    videos = re.findall(r"data:image/webp;base64,([^\"]+)", page)
+    assert len(videos) == 2 * 2 * 2
+    frames = cv2.imdecodeanimation(np.frombuffer(base64.b64decode(videos[0]), dtype=np.uint8))[1].frames
+    assert len(frames) == 4
+    assert np.abs(frames[0].astype(int) - frames[3]).max() > 60
     ElementTree.fromstring(page)
 
 
