@@ -122,7 +122,9 @@ class TrackerInLoop:
             starts[f"robot_{k}"] = Start(pose @ Pose.exp(rng.normal(0.0, START_SIGMA)), np.diag(START_SIGMA**2))
         mounts = {f"robot_{k}_camera": Mount(CAMERA, mount, f"robot_{k}") for k in range(count)}
         floor, tops = (Grid(heights, place.floor.origin, place.floor.spacing) for heights in (place.floor.heights, place.elevation.top))
-        parameters = Parameters(targets=with_fields(Parameters().targets, dict(config.parameters)), delay=config.delay)
+        # Without its cameras' reach, the tracker would take every person who is seen by one robot, and not by farther ones, for a false box.
+        targets = with_fields(Parameters().targets, {"fusion.reach": config.reach} | dict(config.parameters))
+        parameters = Parameters(targets=targets, delay=config.delay)
         tracker = Tracker(Setup(mounts, floor, starts, config.frame_period, occluders=tops), parameters)
         landmarks = Landmarks.described(place.surface_points(LANDMARKS, rng), LANDMARKS, rng)
         systematic_errors = [odometry.SystematicErrors.draw(rng) for _ in range(count)]

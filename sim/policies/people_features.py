@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.placement.information import nats, predict_person, update_person
-from sim.policies.coverage import information_from
-from sim.policies.planning import PeopleAhead
+from sim.policies.planning import PeopleAhead, information_from
 from sim.policies.policy import TeamKnowledge
 from sim.policies.waypoints import WaypointFeatures
 from tracker.geometry.compilation import njit
@@ -33,7 +32,7 @@ def people_features(knowledge: TeamKnowledge, choices: NDArray[np.int64], bound_
     """
     ahead = PeopleAhead.of(knowledge, np.array([AHEAD]))
     used, rows = np.unique(np.concatenate([choices.ravel(), bound_for]), return_inverse=True)
-    table = information_from(knowledge.place, knowledge.config, used, ahead.feet)[:, 0]
+    table = information_from(knowledge, used, ahead)[:, 0]
     out = np.zeros((len(choices), len(ahead.bounds), choices.shape[1], PEOPLE_FEATURES), dtype=np.float32)
     _fill(
         out,

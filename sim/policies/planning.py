@@ -14,14 +14,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.placement.config import FRAMES_PER_DECISION
-from sim.placement.information import LOST_SIGMA, nats, predict_person, update_person
-from sim.placement.map import PlacementMap
-from sim.policies.coverage import CLOSE, coverage_of, information_from
+from sim.placement.episode import detector_row
+from sim.placement.information import (
+    LOST_SIGMA,
+    add_view,
+    nats,
+    predict_person,
+    started_robots,
+    update_person,
+)
+from sim.placement.map import CAMERA_HEIGHT, CHEST_HEIGHT, PlacementMap
+from sim.placement.visibility import sees
 from sim.policies.policy import TeamKnowledge, waypoint_action
 from sim.policies.waypoints import RECOVERY_TIME, UnseenMap
 from tracker.geometry import Array, Mask
 from tracker.geometry.compilation import njit
 
+STATURE = 1.72
+"""Stature of people, of whom policies know none, m."""
 KEEPS_WALKING = 4.0
 """Time constant with which the predicted velocity of a person decays, s."""
 TRACKED_VELOCITY_SIGMA = 0.4
@@ -30,8 +40,6 @@ MAX_PATH, PATH_DISCOUNT = 6.0, 7.0
 """Path length to the farthest goal considered, and path length that discounts a gain of greedy to 1/e, m."""
 SWITCHING_GAIN = 0.05
 """Advantage over the present goal that another goal needs, nats."""
-LONG_RUN = 7.5
-"""Time after the plan of predictive for which its last formation counts, s."""
 MOST_GOALS = 48
 """Goals of a robot that predictive compares; more are thinned out evenly."""
 DRIVING_SPEED = 0.5
@@ -42,6 +50,8 @@ REPEATED_VIEW_GAIN = (1.0, 0.4, 0.1)
 """Relative gain of a view of an unknown person whom no, one or two other robots see, too."""
 FOUND_SIGMA = 0.3
 """Standard deviation of the place of a person after the first box, m."""
+CLOSE = 1.2
+"""Distance between the goals of two robots that is too close, m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +70,17 @@ class PeopleAhead:
         bounds[:, :2, :2] = knowledge.covariance
         bounds[:, 2, 2] = bounds[:, 3, 3] = TRACKED_VELOCITY_SIGMA**2
         return PeopleAhead(times, knowledge.position + ahead[:, None, None] * knowledge.velocity, bounds)
+
+
+def information_from(knowledge: TeamKnowledge, nodes: NDArray[np.int64], forecast: PeopleAhead) -> Array:
+    """Expected information (n, T, k, 2, 2), 1/m², of one frame from each of these nodes about each person at each time."""
+    place, config = knowledge.place, knowledge.config
+    cameras = place.node_cameras[nodes]
+    flat = forecast.feet.reshape(-1, 2)
+    chests = np.column_stack([flat, place.floor_at(flat) + CHEST_HEIGHT]).reshape(*forecast.feet.shape[:2], 3)
+    return np.asarray(
+        _information_from((place.scene.top, place.scene.frame), cameras, chests, (detector_row(config), started_robots(1)[0], config.reach))
+    )
 
 
 class Greedy:
@@ -83,7 +104,7 @@ class Greedy:
         ways = [self._ways(place, int(node), row) for node, row in zip(here, goals, strict=True)]
         used, numbered = np.unique(np.concatenate([way.ravel() for way in ways]), return_inverse=True)
         numbers = [part.reshape(way.shape) for part, way in zip(np.split(numbered, np.cumsum([way.size for way in ways])[:-1]), ways, strict=True)]
-        table = information_from(place, knowledge.config, used, forecast.feet)
+        table = information_from(knowledge, used, forecast)
         visible = place.visible_from_nodes(knowledge.config.reach)[used]
         unknown = max(knowledge.config.people - len(knowledge.position), 0) * 2.0 * math.log(LOST_SIGMA / FOUND_SIGMA) / len(self._unseen.density)
         chosen = [0] * len(here)
@@ -92,9 +113,8 @@ class Greedy:
                 others = [numbers[q][chosen[q]] for q in range(len(here)) if q != k]
                 value = team_values(forecast, table, numbers[k], others)
                 value += unknown * self._unknown_found(visible, numbers[k], others)
-                bound_for = np.array([goals[q][chosen[q]] for q in range(len(here)) if q != k], dtype=np.int64)
-                value += self._afterwards(knowledge, goals[k], bound_for)
-                chosen[k] = self._best(place, value, goals[k], place.roadmap.distance[here[k]][goals[k]], bound_for)
+                chosen[k] = self._best(place, value, goals[k], place.roadmap.distance[here[k]][goals[k]],
+                                       [goals[q][chosen[q]] for q in range(len(here)) if q != k])  # fmt: skip
         self._goals = np.array([row[c] for row, c in zip(goals, chosen, strict=True)])
         return waypoint_action(place, self._goals)
 
@@ -112,13 +132,9 @@ class Greedy:
         views = sum((visible[way[-1]].astype(np.int64) for way in others), np.zeros(visible.shape[1], dtype=np.int64))
         return np.asarray(visible[numbers[:, -1]] @ (self._unseen.density * np.take(REPEATED_VIEW_GAIN, np.minimum(views, 2))))
 
-    def _afterwards(self, knowledge: TeamKnowledge, goals: NDArray[np.int64], others: NDArray[np.int64]) -> Array:
-        """The value (n,) of goals (n,) after the times ahead, given the goals of the other robots."""
-        return np.zeros(len(goals))
-
-    def _best(self, place: PlacementMap, value: Array, goals: NDArray[np.int64], path: Array, others: NDArray[np.int64]) -> int:
+    def _best(self, place: PlacementMap, value: Array, goals: NDArray[np.int64], path: Array, others: list[int]) -> int:
         """The number of the goal with the most value, which the present goal loses only to one that is clearly better."""
-        gap = np.linalg.norm(place.roadmap.nodes[goals][:, None] - place.roadmap.nodes[others], axis=2)
+        gap = np.linalg.norm(place.roadmap.nodes[goals][:, None] - place.roadmap.nodes[np.array(others, dtype=np.int64)], axis=2)
         gain = self._discounted(value - value[0], path) - 1e3 * (gap.min(axis=1, initial=9.0) < CLOSE)
         gain[0] += SWITCHING_GAIN
         return int(np.argmax(gain))
@@ -132,21 +148,12 @@ class Predictive(Greedy):
 
     times = np.arange(1.0, 6.0) * 1.5
 
-    def begin(self, knowledge: TeamKnowledge, rng: np.random.Generator) -> None:
-        super().begin(knowledge, rng)
-        self._formation = coverage_of(knowledge.place, knowledge.config).best_formation(len(knowledge.robots))
-
     def _candidates(self, place: PlacementMap, node: int, goal: int) -> NDArray[np.int64]:
         found = super()._candidates(place, node, goal)
-        thinned = found[1:][:: max(1, math.ceil((len(found) - 1) / MOST_GOALS))]
-        return np.concatenate([found[:1], np.setdiff1d(self._formation, found[:1]), thinned])
+        return np.concatenate([found[:1], found[1:][:: max(1, math.ceil((len(found) - 1) / MOST_GOALS))]])
 
     def _ways(self, place: PlacementMap, node: int, goals: NDArray[np.int64]) -> NDArray[np.int64]:
         return np.asarray(_nodes_at(node, goals, place.roadmap.next_node, place.roadmap.distance[node], self.times * DRIVING_SPEED))
-
-    def _afterwards(self, knowledge: TeamKnowledge, goals: NDArray[np.int64], others: NDArray[np.int64]) -> Array:
-        coverage = coverage_of(knowledge.place, knowledge.config)
-        return LONG_RUN / self.times[-1] * knowledge.config.people * coverage.values(goals, others)
 
     def _discounted(self, gain: Array, path: Array) -> Array:
         return gain
@@ -174,6 +181,21 @@ def _team_values(bounds, steps, table, ways, fixed):  # type: ignore[no-untyped-
                 # All frames of a decision, as in the reward.
                 update_person(P, FRAMES_PER_DECISION * (fixed[t, k] + table[ways[w, t], t, k]))
                 out[w] += nats(P) / len(steps)
+    return out
+
+
+@njit(cache=True)
+def _information_from(elevation, cameras, chests, settings):  # type: ignore[no-untyped-def]
+    """`information_from` for cameras (n, 3) m and chests (T, k, 3) m. settings: detector, bound of a robot, reach m."""
+    detector, robot, reach = settings
+    out = np.zeros((len(cameras), chests.shape[0], chests.shape[1], 2, 2))
+    for n in range(len(cameras)):
+        for t in range(chests.shape[0]):
+            for k in range(chests.shape[1]):
+                dx, dy = chests[t, k, 0] - cameras[n, 0], chests[t, k, 1] - cameras[n, 1]
+                r = math.sqrt(dx * dx + dy * dy) + 1e-9
+                if r < reach and sees(elevation, (cameras[n, 0], cameras[n, 1], cameras[n, 2]), (chests[t, k, 0], chests[t, k, 1], chests[t, k, 2])):
+                    add_view(detector, robot, (r, CAMERA_HEIGHT, STATURE), (dx / r, dy / r), 1.0, out[n, t, k])
     return out
 
 

@@ -91,12 +91,11 @@ class Bodies:
         rays = points.reshape(-1, 3) - origin
         distance = np.maximum(np.linalg.norm(rays, axis=1), 1e-6)
         direction = rays / distance[:, None]
-        inside = self._in_image(view, direction).reshape(n, -1)
+        # Feet beyond the reach have no ground point, so that no box is taken there.
+        inside = self._in_image(view, direction).reshape(n, -1) & (distance.reshape(n, -1)[:, :1] <= reach)
         if occluders is None:
             share = inside.mean(axis=1)
-            # Feet beyond the reach have no ground point, so that no box is taken there.
-            seen = (share > 0.5) & (distance.reshape(n, -1)[:, 0] <= reach)
-            return np.asarray(share * self.relative_detection(view.name, self.occluded(view)[chosen]) * seen)
+            return np.asarray(share * self.relative_detection(view.name, self.occluded(view)[chosen]) * (share > 0.5))
         behind = self._behind_people(origin)[chosen]
         visible = inside & ~_hidden(occluders, origin, direction.reshape(n, -1, 3), distance.reshape(n, -1), reach)
         return np.asarray(DETECTED_BY_POINTS[visible.sum(axis=1)] * inside.any(axis=1) * np.where(behind, DETECTED_BEHIND_PERSON, 1.0))

@@ -18,8 +18,7 @@ from sim.cli.scenario_options import SceneOptions
 from sim.placement.config import PlacementConfig
 from sim.placement.map import MapKey, map_of
 from sim.policies.baselines import best_ring
-from sim.policies.coverage import information_from
-from sim.policies.planning import PeopleAhead, team_values
+from sim.policies.planning import PeopleAhead, information_from, team_values
 from sim.policies.policy import TeamKnowledge
 from sim.policies.rollouts import EpisodeResult, compare, differences, draw, policy_of, run_episodes, table, text
 
@@ -102,7 +101,7 @@ def test_information_of_a_plan_grows_with_views():
     known = TeamKnowledge(place, config, np.zeros((1, 3)), position, np.zeros((2, 2)), np.tile(np.eye(2), (2, 1, 1)), {})
     ahead = PeopleAhead.of(known, np.array([1.5]))
     nodes = np.arange(len(place.roadmap.nodes))
-    table = information_from(place, config, nodes, ahead.feet)
+    table = information_from(known, nodes, ahead)
     seen = table[:, 0].any(axis=(2, 3)).sum(axis=1)
     alone = team_values(ahead, table, nodes[:, None], [])
     assert (alone[seen == 0] == alone.min()).all()
