@@ -117,14 +117,12 @@ def poses(team: Array, place: PlacementMap) -> list[Pose]:
     return out
 
 
-def camera_positions(team: Array, place: PlacementMap, height: float) -> Array:
-    """Camera positions (r, 3) m of rovers (r, 7), `height` m above the ground along the normal of the slope."""
-    return camera_kernel(team, place.floor.heights, place.floor.origin, place.floor.spacing, height)
-
-
 @njit(cache=True)
 def camera_kernel(team, heights, origin, spacing, mast):  # type: ignore[no-untyped-def]
-    """`camera_positions` over a ground of heights (rows, columns) m, with its origin (2,) m and spacing m."""
+    """Camera positions (r, 3) m of rovers (r, 7), `mast` m above the ground along the normal of the slope.
+
+    The ground has heights (rows, columns) m, an origin (2,) m and a spacing, m.
+    """
     out = np.empty((len(team), 3))
     for r in range(len(team)):
         x, y, c, s = team[r, X], team[r, Y], math.cos(team[r, YAW]), math.sin(team[r, YAW])

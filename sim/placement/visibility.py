@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
 from tracker.geometry import Array, frozen
@@ -68,9 +67,9 @@ def seen_share(elevation: ElevationMap, cameras: Array, people: Array, limits: V
     return share_kernel(elevation.packed, cameras, people, (limits.reach, limits.size, limits.share))
 
 
-def visible_points(elevation: ElevationMap, camera: Array, people: Array) -> NDArray[np.bool_]:
-    """Whether a camera (3,) m sees each point of BODY_POINTS of people (p, 4), as a mask (p, 8)."""
-    return _visible_points(elevation.top, elevation.frame, np.asarray(camera, dtype=np.float64), np.ascontiguousarray(people, dtype=np.float64))
+def visible_points(elevation: ElevationMap, camera: Array, people: Array) -> Array:
+    """1.0 for each point of BODY_POINTS of people (p, 4) that a camera (3,) m sees, else 0.0, as an array (p, 8)."""
+    return _visible_points(elevation.packed, np.asarray(camera, dtype=np.float64), np.ascontiguousarray(people, dtype=np.float64))
 
 
 def line_of_sight(elevation: ElevationMap, camera: Array, points: Array, margin: float = 0.0) -> Array:
@@ -80,14 +79,13 @@ def line_of_sight(elevation: ElevationMap, camera: Array, points: Array, margin:
 
 
 @njit(cache=True)
-def _line_of_sight(top: Array, frame: Array, camera: tuple[float, float, float], goal: tuple[float, float, float], until: float) -> bool:
-    """Whether the segment from camera to goal (m) passes above every column, up to the share `until` of its length.
+def _passes(top, start, way, until, lowest):  # type: ignore[no-untyped-def]
+    """Whether a segment passes above every column of `top` (rows, columns) m, up to the share `until` of its length.
 
+    start, way: its start and its extent, x and y in columns, z in m. In each column its middle counts, or its lower end if `lowest`.
     It visits the columns in order (Amanatides and Woo 1987).
     """
-    rows, columns = top.shape
-    x, y = (camera[0] - frame[0]) / frame[2] + 0.5, (camera[1] - frame[1]) / frame[2] + 0.5
-    dx, dy, dz = (goal[0] - camera[0]) / frame[2], (goal[1] - camera[1]) / frame[2], goal[2] - camera[2]
+    (x, y, z), (dx, dy, dz) = start, way
     j, i = math.floor(x), math.floor(y)
     step_j, step_i = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
     over_x = 1.0 / abs(dx) if abs(dx) > 1e-12 else 1e30
@@ -97,7 +95,8 @@ def _line_of_sight(top: Array, frame: Array, camera: tuple[float, float, float],
     t = 0.0
     while t < until:
         end = min(next_x, next_y, until)
-        if 0 <= i < rows and 0 <= j < columns and camera[2] + 0.5 * (t + end) * dz < top[i, j]:
+        along = min(t * dz, end * dz) if lowest else 0.5 * (t + end) * dz
+        if 0 <= i < top.shape[0] and 0 <= j < top.shape[1] and z + along < top[i, j]:
             return False
         t = end
         if next_x < next_y:
@@ -107,6 +106,13 @@ def _line_of_sight(top: Array, frame: Array, camera: tuple[float, float, float],
             next_y += over_y
             i += step_i
     return True
+
+
+@njit(cache=True)
+def _line_of_sight(top: Array, frame: Array, camera: tuple[float, float, float], goal: tuple[float, float, float], until: float) -> bool:
+    """Whether the segment from camera to goal (m) passes above every column, up to the share `until` of its length."""
+    start = (camera[0] - frame[0]) / frame[2] + 0.5, (camera[1] - frame[1]) / frame[2] + 0.5, camera[2]
+    return bool(_passes(top, start, ((goal[0] - camera[0]) / frame[2], (goal[1] - camera[1]) / frame[2], goal[2] - camera[2]), until, False))
 
 
 @njit(cache=True)
@@ -160,27 +166,9 @@ def _above_all(elevation, camera: Array, person: Array) -> bool:  # type: ignore
     """Whether all lines of sight to the body of a person (4,) pass above every column of the blocks below. False may be wrong."""
     _, frame, greatest = elevation
     side = frame[2] * BLOCK
-    x, y = (camera[0] - frame[0]) / side + 0.5 / BLOCK, (camera[1] - frame[1]) / side + 0.5 / BLOCK
-    dx, dy, dz = (person[0] - camera[0]) / side, (person[1] - camera[1]) / side, person[2] + BODY_POINTS[-1, 1] * person[3] - camera[2]
-    j, i = math.floor(x), math.floor(y)
-    step_j, step_i = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
-    over_x, over_y = 1.0 / max(abs(dx), 1e-12), 1.0 / max(abs(dy), 1e-12)
-    next_x = ((j + 1 - x) if dx > 0 else (x - j)) * over_x
-    next_y = ((i + 1 - y) if dy > 0 else (y - i)) * over_y
-    t = 0.0
-    while t < 1.0:
-        end = min(next_x, next_y, 1.0)
-        inside = 0 <= i < greatest.shape[0] and 0 <= j < greatest.shape[1]
-        if inside and camera[2] + min(t * dz, end * dz) <= greatest[i, j]:
-            return False
-        t = end
-        if next_x < next_y:
-            next_x += over_x
-            j += step_j
-        else:
-            next_y += over_y
-            i += step_i
-    return True
+    start = (camera[0] - frame[0]) / side + 0.5 / BLOCK, (camera[1] - frame[1]) / side + 0.5 / BLOCK, camera[2]
+    way = (person[0] - camera[0]) / side, (person[1] - camera[1]) / side, person[2] + BODY_POINTS[-1, 1] * person[3] - camera[2]
+    return bool(_passes(greatest, start, way, 1.0, True))
 
 
 @njit(cache=True)
@@ -197,44 +185,37 @@ def _between(people: Array, person: int, camera: Array) -> bool:
 
 
 @njit(cache=True)
-def _body_share(elevation, camera: Array, people: Array, p: int) -> float:  # type: ignore[no-untyped-def]
-    """The share of the points of person p that a camera (3,) m sees."""
+def _look_at(elevation, camera: Array, people: Array, p: int, seen: Array) -> None:  # type: ignore[no-untyped-def]
+    """Set seen (8,) to 1.0 for each point of person p that a camera (3,) m sees, and to 0.0 for the others."""
+    seen[:] = 0.0
     if math.sqrt((people[p, 0] - camera[0]) ** 2 + (people[p, 1] - camera[1]) ** 2) < BLIND_RADIUS:
-        return 0.0
-    clear, crowded, count = _above_all(elevation, camera, people[p]), _between(people, p, camera), 0
-    if clear and not crowded:
-        return 1.0
-    for k in range(len(BODY_POINTS)):
+        return
+    clear, crowded = _above_all(elevation, camera, people[p]), _between(people, p, camera)
+    for k in range(len(seen)):
         goal = _body_point(camera, people[p], k)
-        if crowded and _occluded_by_person(people, p, camera, goal):
-            continue
-        if clear or _line_of_sight(elevation[0], elevation[1], (camera[0], camera[1], camera[2]), goal, 1.0):
-            count += 1
-    return count / len(BODY_POINTS)
+        hidden = crowded and _occluded_by_person(people, p, camera, goal)
+        if not hidden and (clear or _line_of_sight(elevation[0], elevation[1], (camera[0], camera[1], camera[2]), goal, 1.0)):
+            seen[k] = 1.0
 
 
 @njit(cache=True)
-def _visible_points(top: Array, frame: Array, camera: Array, people: Array) -> NDArray[np.bool_]:
-    out = np.zeros((len(people), len(BODY_POINTS)), np.bool_)
+def _visible_points(elevation, camera: Array, people: Array) -> Array:  # type: ignore[no-untyped-def]
+    out = np.empty((len(people), len(BODY_POINTS)))
     for p in range(len(people)):
-        if math.sqrt((people[p, 0] - camera[0]) ** 2 + (people[p, 1] - camera[1]) ** 2) < BLIND_RADIUS:
-            continue
-        for k in range(len(BODY_POINTS)):
-            goal = _body_point(camera, people[p], k)
-            hidden = _occluded_by_person(people, p, camera, goal)
-            out[p, k] = not hidden and _line_of_sight(top, frame, (camera[0], camera[1], camera[2]), goal, 1.0)
+        _look_at(elevation, camera, people, p, out[p])
     return out
 
 
 @njit(cache=True)
 def share_kernel(elevation, cameras: Array, people: Array, limits: tuple[float, float, float]) -> Array:  # type: ignore[no-untyped-def]
     """`seen_share`. elevation: ElevationMap.packed. limits: reach m, least apparent height rad, least share."""
-    out = np.zeros((len(cameras), len(people)))
+    out, seen = np.zeros((len(cameras), len(people))), np.empty(len(BODY_POINTS))
     for r in range(len(cameras)):
         for p in range(len(people)):
             distance = math.sqrt((people[p, 0] - cameras[r, 0]) ** 2 + (people[p, 1] - cameras[r, 1]) ** 2 + 1e-12)
             if distance > limits[0] or math.atan(people[p, 3] / distance) < limits[1]:
                 continue
-            share = _body_share(elevation, cameras[r], people, p)
+            _look_at(elevation, cameras[r], people, p, seen)
+            share = seen.sum() / len(seen)
             out[r, p] = share if share >= limits[2] else 0.0
     return out

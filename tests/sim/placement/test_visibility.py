@@ -10,7 +10,17 @@ from sim.placement.episode import gospa
 from sim.placement.information import Views, detector_of
 from sim.placement.map import MapKey, map_of
 from sim.placement.states import Beliefs
-from sim.placement.visibility import ElevationMap, VisibilityLimits, line_of_sight, seen_share, visible_points
+from sim.placement.visibility import (
+    BLIND_RADIUS,
+    BODY_POINTS,
+    ElevationMap,
+    VisibilityLimits,
+    _body_point,
+    _occluded_by_person,
+    line_of_sight,
+    seen_share,
+    visible_points,
+)
 from tracker.detector_models.independent import IndependentErrors
 
 FLAT = ElevationMap(np.zeros((41, 41)), np.array([-10.0, -10.0, 0.5]))
@@ -57,7 +67,13 @@ def test_shares_are_those_of_all_lines_of_sight():
     people = np.column_stack([rng.uniform((-4.5, -3.5), (8.5, 6.5), (60, 2)), rng.uniform(0.0, 0.8, 60), rng.uniform(1.5, 2.0, 60)])
     cameras = np.column_stack([rng.uniform((-4.5, -3.5), (8.5, 6.5), (20, 2)), rng.uniform(0.8, 2.6, 20)])
     shares = seen_share(elevation, cameras, people, UNLIMITED)
-    np.testing.assert_array_equal(shares, [visible_points(elevation, camera, people).mean(axis=1) for camera in cameras])
+    for camera, share in zip(cameras, shares, strict=True):
+        goals = np.array([[_body_point(camera, one, k) for k in range(len(BODY_POINTS))] for one in people])
+        hidden = np.array([[_occluded_by_person(people, p, camera, tuple(goal)) for goal in goals[p]] for p in range(len(people))])
+        free = line_of_sight(elevation, camera, goals.reshape(-1, 3)).reshape(hidden.shape)
+        every = np.where(hidden | (np.hypot(*(people[:, :2] - camera[:2]).T) < BLIND_RADIUS)[:, None], 0.0, free)
+        np.testing.assert_array_equal(visible_points(elevation, camera, people), every)
+        np.testing.assert_array_equal(share, every.mean(axis=1))
     assert 0.05 < (shares == 1.0).mean() < 0.9
 
 
