@@ -89,7 +89,7 @@ def _uncalibrated(fields: JsonObject) -> RecordingCamera:
     if "distortion" in fields.values:
         raise ValueError(f"{fields.where}: distortion belongs to K, which is missing")
     _check_keys(JsonObject({"K": None, **fields.values}, fields.where), model, ())
-    return RecordingCamera.uncalibrated(*(fields.whole(name, 1, MAX_SIDE) for name in ("width", "height")))
+    return RecordingCamera.uncalibrated(fields.whole("width", 1, MAX_SIDE), fields.whole("height", 1, MAX_SIDE))
 
 
 def camera_to(camera: RecordingCamera) -> dict[str, Any]:

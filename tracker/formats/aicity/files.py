@@ -128,7 +128,8 @@ def read_calibration(path: Path) -> tuple[float, dict[str, RecordingCamera]]:
         lens = intrinsics(sensor.array("intrinsicMatrix", (3, 3), meaning=MATRIX), f"{sensor.where}: intrinsicMatrix")
         extrinsic = sensor.array("extrinsicMatrix", (3, 4), -LARGEST, LARGEST, "[R | t]")
         try:
-            model = Pinhole(*(attributes.whole(side, 1, MAX_SIDE) for side in ("frameWidth", "frameHeight")), **lens)
+            size = attributes.whole("frameWidth", 1, MAX_SIDE), attributes.whole("frameHeight", 1, MAX_SIDE)
+            model = Pinhole(*size, lens["fx"], lens["fy"], lens["cx"], lens["cy"])
         except ValueError as error:
             raise ValueError(str(error) if str(error).startswith(str(path)) else f"{sensor.where}: {error}") from None
         cameras[name] = RecordingCamera.of_opencv(model, rotation(extrinsic[:, :3], f"{sensor.where}: extrinsicMatrix"), extrinsic[:, 3])
@@ -146,7 +147,7 @@ def _attributes(sensor: JsonObject) -> JsonObject:
         try:
             out[str(one.values.get("name"))] = float(value) if isinstance(value, str) else value
         except ValueError:
-            raise ValueError(f"{one.where}: {value[:40]!r} is the value of {str(one.values.get('name'))[:40]}, needs a number") from None
+            raise ValueError(f"{one.where}: {str(value)[:40]!r} is the value of {str(one.values.get('name'))[:40]}, needs a number") from None
     return JsonObject(out, f"{sensor.where}: attributes")
 
 

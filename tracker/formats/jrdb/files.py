@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -95,11 +95,11 @@ def read_note(path: Path) -> PanoramaNote | None:
     if content.values.get("pilsim") is None:
         return None
     note = content.part("pilsim")
-    size = [note.whole(name, 1, MAX_SIDE) for name in ("width", "height")]
-    needed = note.number("rate", MIN_RATE, MAX_RATE), *size, note.number("above_ground", 1e-4, 1e6)
+    rate, above_ground = note.number("rate", MIN_RATE, MAX_RATE), note.number("above_ground", 1e-4, 1e6)
+    out = PanoramaNote(rate, note.whole("width", 1, MAX_SIDE), note.whole("height", 1, MAX_SIDE), above_ground)
     if note.values.get("horizon") is None and note.values.get("focal") is None:
-        return PanoramaNote(*needed)
-    return PanoramaNote(*needed, note.number("horizon", 1e-4, 1e6), note.number("focal", 1e-4, 1e6))
+        return out
+    return replace(out, horizon=note.number("horizon", 1e-4, 1e6), focal=note.number("focal", 1e-4, 1e6))
 
 
 def _json_2d(label: Label2d, width: int) -> dict[str, Any]:

@@ -10,6 +10,7 @@ import numpy as np
 from tracker.formats.exported_sequence import OPENCV_CORNER, PNG, RecordedSequence
 from tracker.formats.wildtrack.files import HIDDEN, GroundGrid, WildtrackPosition, opencv_camera, write_calibration, write_config, write_positions
 from tracker.formats.wildtrack.rectangles import write_rectangles
+from tracker.geometry.cameras import Pinhole
 from tracker.io.mot15 import write_mot15
 
 README = """
@@ -59,7 +60,8 @@ def export_wildtrack(out: Path, recordings: Iterable[RecordedSequence], rectangl
                 raise ValueError(f"{recording.folder}: {camera}: {fault}, which wildtrack can hold") from None
             cameras.append(calibrated)
             write_calibration(root / "calibrations", f"Camera{number}", calibrated)
-            fitted = f" (its distortion is fitted to {error:.2g} px)" if error and any(calibrated.camera.distortion) else ""
+            distorted = isinstance(calibrated.camera, Pinhole) and any(calibrated.camera.distortion)
+            fitted = f" (its distortion is fitted to {error:.2g} px)" if error and distorted else ""
             camera_notes.append(f"C{number} is {camera}{fitted}")
             (root / "Image_subsets" / f"C{number}").mkdir(parents=True)
         _write_detections(root / "detections", recording)
