@@ -104,7 +104,7 @@ def read_mot15(path: str | os.PathLike[str], tracks: bool = False) -> Mot15Rows:
     """Read a MOT15 file: truth, detections or results. Blank lines are skipped. tracks: whether every row needs an id, as truth and results have.
 
     A row that equals one before it in every column is left out; their number is logged.
-    Raises ValueError with file and line for a row without ten finite numbers, for a frame or id that is no whole number, and as Mot15Rows.
+    Raises ValueError with file and line for a row without ten finite numbers, a frame or id that is no whole number, and as Mot15Rows.
     """
     lines, table, repeated = _different(path, COLUMNS)
     say_repeated(path, repeated)

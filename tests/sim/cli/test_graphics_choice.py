@@ -40,6 +40,20 @@ def test_imports_draw_nothing(backend: str) -> None:
 
 
 @pytest.mark.command
+def test_imports_work_without_the_library() -> None:
+    done = without_osmesa("-c", f"{IMPORTS}; assert 'PYOPENGL_PLATFORM' not in os.environ")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("osmesa ")
+
+
+@pytest.mark.command
+def test_a_world_is_exported_under_any_name(tmp_path: Path) -> None:
+    done = python("-m", "pilsim", "worlds", "tunnel", "--export", str(tmp_path / "tunnel.glb"), backend="crayon")
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "tunnel.glb").stat().st_size > 0
+
+
+@pytest.mark.command
 @pytest.mark.parametrize(
     ("words", "code"),
     [
@@ -61,6 +75,22 @@ def test_commands_without_the_library(words: str, code: int, tmp_path: Path) -> 
         assert "its library is not found" in lines[0]
     if code:
         assert re.fullmatch(r"(frames: .*\n)*error: no OpenGL: .*\n", done.stderr), done.stderr
+
+
+@pytest.mark.command
+def test_the_benchmark_says_so_in_one_line() -> None:
+    done = without_osmesa("-m", "tests.benchmarks", "panorama")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+    assert "libosmesa6" in done.stderr
+
+
+@pytest.mark.command
+def test_a_backend_of_another_system_is_named() -> None:
+    done = python("-m", "tests.benchmarks", "panorama", backend="wgl")
+    assert (done.returncode, done.stderr) == (
+        2,
+        "error: MUJOCO_GL is 'wgl', needs one of egl, osmesa, glfw, cgl, or nothing for a choice to be made\n",
+    )
 
 
 def test_mujoco_is_taken_from_one_place() -> None:

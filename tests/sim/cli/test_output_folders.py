@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from sim.cli.main import _message, _parse
 from tests.sim import stress_rows
 from tests.sim.cli.test_surroundings import BOXES, CAMERA, ROOT
 from tests.tracker import sequences
+from tracker.datasets.validation import validate
 from tracker.io.atomic import Kept
 from tracker.io.file_lock import folder_lock, output_file_lock
 from tracker.sequence.results import read_results
@@ -193,6 +195,17 @@ def test_a_recording_is_refused_where_the_disk_is_nearly_full(inputs: Path, tmp_
 
 
 @pytest.mark.command
+def test_a_mount_point_in_a_folder_that_cannot_be_written(inputs: Path, tmp_path: Path) -> None:
+    """As the volume of a container whose file system is read-only."""
+    with mount(tmp_path / "parent") as parent, mount(parent / "out") as out:
+        subprocess.run(["mount", "-o", "remount,ro", str(parent)], check=True)
+        for name in ("track", "export"):
+            output(name, inputs, out, tmp_path / "other").run()
+            assert not [path for path in out.iterdir() if path.name.startswith(".")]
+            subprocess.run(f"rm -r {out}/*", shell=True, check=True)
+
+
+@pytest.mark.command
 def test_links_and_the_current_folder(inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A link may lead to nothing yet: its target is made."""
     for name, marker in (("track", "run.json"), ("export", "README.md")):
@@ -239,3 +252,46 @@ def test_experiments_write_into_a_mount_point(words: list[str], marker: str, tim
             assert done.returncode == 0, done.stderr
             assert (out / marker).is_file()
             assert not [path for path in out.rglob("*") if path.name.startswith(".")]
+
+
+@pytest.mark.soak
+def test_a_demo_that_was_killed_continues_and_two_at_once_do_not_disturb_each_other(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "pilsim", "demo", "--frames", "100", *SMALL, "--out", "OUT"]
+
+    def images() -> int:
+        return len(list(tmp_path.glob("OUT/.sequence.partial/images/*/*.jpg")))
+
+    def started() -> subprocess.Popen[str]:
+        """Waits for new images: those of a run that was killed are there before the next one holds the lock."""
+        before = images()
+        run = subprocess.Popen(command, cwd=tmp_path, env=dict(os.environ, PYTHONPATH=str(ROOT)), stderr=subprocess.PIPE, text=True)
+        while images() < before + 4:
+            assert run.poll() is None
+            time.sleep(0.05)
+        return run
+
+    with started() as killed:
+        killed.kill()
+    with started() as first:
+        second = subprocess.run(command, cwd=tmp_path, env=dict(os.environ, PYTHONPATH=str(ROOT)), capture_output=True, text=True, check=False)
+        assert second.returncode == 2
+        assert second.stderr.startswith(f"error: OUT: is being written by another pilsim (process {first.pid} on ")
+        assert second.stderr.count("\n") == 1
+        _, said = first.communicate(timeout=500)
+        assert first.returncode == 0, said
+    assert sorted(path.name for path in (tmp_path / "OUT").iterdir()) == [
+        "contact_sheet.png", "plan.png", "scores.json", "sequence", "track", "video.mp4",
+    ]  # fmt: skip
+    assert len(list((tmp_path / "OUT" / "sequence" / "images" / "robot_0_camera").iterdir())) == 100
+    assert not list(validate(tmp_path / "OUT" / "sequence"))
+
+
+@pytest.mark.soak
+def test_a_demo_on_a_full_disk_names_what_it_kept(tmp_path: Path) -> None:
+    with mount(tmp_path / "full", "-o", "size=1m") as folder:
+        command = [sys.executable, "-m", "pilsim", "demo", "--frames", "60", *SMALL[:-1], "256", "--out", str(folder / "out")]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=500)
+        assert done.returncode == 2, done.stderr
+        line = done.stderr.splitlines()[-1]
+        assert "No space left on device; what was made" in line, line
+        assert Path(line.rpartition(" is in ")[2]).is_dir()

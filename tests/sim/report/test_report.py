@@ -161,3 +161,21 @@ def test_chromium_shows_and_prints_the_page(width: int, folder: Path) -> None:
         assert browser.evaluate("getComputedStyle(document.querySelector('nav')).display") == "none"
         assert browser.evaluate("document.documentElement.scrollWidth") <= width
         assert len(browser.call("Page.printToPDF", printBackground=False)["data"]) > 10_000
+
+
+def test_no_interval_leaves_the_range_of_its_figure(tmp_path: Path) -> None:
+    """Three seeds with scores near the ends of their ranges: uncut intervals would reach from -0.02 m and to a MOTA of 1.1."""
+    rows = [stress_rows.row("density", k, value, seed) for k, value in enumerate(stress_rows.PEOPLE) for seed in range(3)]
+    for row in rows:
+        near = 1e-3 if row["seed"] else 0.2
+        row["scores"] |= dict.fromkeys(("mota", "mota_all", "idf1", "hota", "map_complete"), 1 - near)
+        row["scores"] |= dict.fromkeys(("ate_m", "motp_m", "map_aligned_m", "efficiency"), near)
+    write_report(stress_rows.write(tmp_path, rows))
+    checked = 0
+    for name in ("mota", "mota_all", "idf1", "map_complete", "ate_m", "motp_m", "map_aligned_m", "efficiency"):
+        low, high = bounds_of(name)
+        with (tmp_path / "report" / f"density-{name.replace('_', '-')}.csv").open() as file:
+            for found in csv.DictReader(file):
+                assert low is None or float(found["low"]) >= low, (name, found)
+                assert high is None or float(found["high"]) <= high, (name, found)
+                checked += 1
