@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tracker.detections.cross_view import AMBIGUOUS_SIGMA, AMBIGUOUS_SIGMA_KNOWN, group_across_views
-from tracker.detections.ground_points import FusionParameters, GroundDetections, project_to_ground
+from tracker.detections.ground_points import FEET_HIDDEN, FusionParameters, GroundDetections, project_to_ground
 from tracker.geometry import Pose, bearing_from_angles
 from tracker.geometry.cameras import Panorama
 from tracker.geometry.ground import Flat, Grid, Ground
@@ -51,7 +51,7 @@ def initiating(feet: GroundDetections) -> set[int]:
 
 def test_a_box_over_a_corner_of_another_leaves_its_feet_visible_and_one_over_all_of_it_does_not() -> None:
     corner, whole = seen([(0.0, 6.0), (0.1, 4.0)]), seen([(0.0, 6.0), (0.0, 4.0)])
-    assert corner.feet_hidden[0] == PARAMETERS.feet_hidden[0]
+    assert corner.feet_hidden[0] == FEET_HIDDEN[0]
     assert corner.ambiguous.tolist() == [False, False]
     assert corner.point[0, 0] == pytest.approx(6.0, abs=0.01)
     # The upper edge and usual statures tell the distance, from the lower edge on.

@@ -5,8 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tracker.detections.occlusion import BODY_HALF_WIDTH, BODY_HEIGHT, BOX_HALF_WIDTH, DEPTH_MARGIN, occluded_share
-from tracker.geometry import Array, wrap
+from tracker.detections.occlusion import BODY_HALF_WIDTH, BODY_HEIGHT, BOX_HALF_WIDTH, DEPTH_MARGIN, Bodies, Viewpoint, occluded_share
+from tracker.geometry import Array, Pose, wrap
+from tracker.geometry.cameras import Panorama
+from tracker.geometry.ground import Grid
+from tracker.types import Setup
 
 EYE = np.array([0.0, 0.0, 4.0])
 NOBODY = np.zeros(0, dtype=np.int64)
@@ -59,3 +62,15 @@ def test_nobody_occludes_themselves_or_nearer_people() -> None:
     share = occluded_share(EYE, place, np.arange(2), np.arange(2), np.zeros((0, 5)))
     assert share[0, 1] > 0.3
     assert not share[1].any()
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_nobody_is_expected_beyond_the_reach(known: bool) -> None:
+    flat = Grid(np.zeros((9, 9)), np.array([-20.0, -20.0]), 5.0)
+    setup = Setup({}, flat, {}, 0.2, occluders=flat if known else None)
+    bodies = Bodies(np.array([[5.0, 0.0], [0.0, 14.0]]), np.arange(2), np.arange(2), setup, lambda camera, cover: np.ones(len(cover)))
+    view = Viewpoint("robot", Panorama(1024, 512), Pose(np.eye(3), np.array([0.0, 0.0, 1.5])))
+    near, far = bodies.expected_detection(view, 12.0)
+    assert near > 0.5
+    assert far == 0.0
+    assert bodies.expected_detection(view, 60.0).min() > 0.5
