@@ -15,7 +15,7 @@ from tracker.geometry import Array, Ints, Mask
 from tracker.types import Setup
 from tracker.types.ticks import ROUNDING
 
-STATURE_DRIFT = 0.005
+STATURE_WALK = 0.005
 """m/√s, random walk of the apparent stature."""
 
 FADE_AFTER, FADE_TIME = 0.4, 1.0
@@ -71,7 +71,7 @@ def coasting_transition(gap: Array, dt: float, motion: MotionParameters) -> tupl
     """
     F, Q = np.eye(5), np.zeros((5, 5))
     F[:4, :4], Q[:4, :4] = transition(dt, motion)
-    Q[4, 4] = STATURE_DRIFT**2 * dt
+    Q[4, 4] = STATURE_WALK**2 * dt
     fade = np.exp(-dt / FADE_TIME)
     fading = np.diag([1.0, 1.0, fade, fade, 1.0])
     fading[0, 2] = fading[1, 3] = coasting_time(dt)

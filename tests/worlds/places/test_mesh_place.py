@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import tomllib
-from functools import cache
 from pathlib import Path
 
 import mujoco
@@ -26,14 +25,6 @@ def built(name: str, seed: int = 0) -> World:
 @pytest.fixture(scope="module")
 def glb(tmp_path_factory: pytest.TempPathFactory) -> World:
     return built(write_house(tmp_path_factory.mktemp("places") / "house.glb"))
-
-
-@cache
-def true_height(x: float, y: float) -> float:
-    """m: the highest surface of the house below 2 m, by its own triangles."""
-    mesh = house().to_mesh()
-    hits, _, _ = mesh.ray.intersects_location([[x, y, 2.0]], [[0, 0, -1]])
-    return float(hits[:, 2].max())
 
 
 def test_people_walk_on_steps_and_slopes_and_rovers_on_slopes(glb: World) -> None:
