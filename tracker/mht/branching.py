@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from tracker.geometry import Ints, Mask
+from tracker.geometry import Array, Ints, Mask
 from tracker.geometry.compilation import njit
 from tracker.mht.box_update import log_likelihood, predict_measurement, update_child
 from tracker.mht.branching_data import BoxTable, BranchingConstants, ChildHypotheses, ParentHypotheses, empty_children
@@ -27,11 +27,11 @@ NARROW_BEAM = 2
 
 
 @njit(cache=True)
-def gate(v: int, i: int, parents: Any, boxes: Any, limits: Any, gated: Ints) -> int:
-    """Rows of the boxes of view v within the gate of the predicted leaf i, into `gated` (MAX_GATED,); how many."""
+def gate(v: int, i: int, parents: Any, boxes: Any, limits: Any, gated: Ints, ratios: Array) -> int:
+    """Rows and log-likelihood ratios of the boxes of view v within the gate of the predicted leaf i, into `gated`, `ratios` (MAX_GATED,); how many."""
     predicted, x, P = np.empty(21), parents.state[i], parents.covariance[i]
     predict_measurement(x, i, parents, boxes.origin[v], predicted)
-    found, ratios = 0, np.empty(MAX_GATED)
+    found = 0
     for d in range(boxes.start[v], boxes.start[v + 1]):
         direction = boxes.direction[d]
         if predicted[0] * direction[0] + predicted[1] * direction[1] + predicted[2] * direction[2] < 0.5:
@@ -50,18 +50,18 @@ def gate(v: int, i: int, parents: Any, boxes: Any, limits: Any, gated: Ints) -> 
 
 
 @njit(cache=True)
-def _gate_all(parents: Any, boxes: Any, limits: Any) -> tuple[Any, Mask]:
-    """Boxes (n, V, MAX_GATED) within the gate of each leaf, −1 after the last; and which boxes (D,) are in the gates of several trees."""
+def _gate_all(parents: Any, boxes: Any, limits: Any) -> tuple[Any, Any, Mask]:
+    """Boxes (n, V, MAX_GATED) within the gate of each leaf, −1 after the last, their ratios, and which boxes (D,) several trees gate."""
     V, D = len(boxes.origin), len(boxes.cut)
-    gated, owner = np.full((len(parents.state), V, MAX_GATED), -1), np.full(D, -1)
+    gated, ratios, owner = np.full((len(parents.state), V, MAX_GATED), -1), np.zeros((len(parents.state), V, MAX_GATED)), np.full(D, -1)
     for i in range(len(parents.state)):
         if parents.deleted[i]:
             continue
         for v in range(V):
-            for k in range(gate(v, i, parents, boxes, limits, gated[i, v])):
+            for k in range(gate(v, i, parents, boxes, limits, gated[i, v], ratios[i, v])):
                 d, t = gated[i, v, k], parents.tree[i]
                 owner[d] = t if owner[d] == -1 or owner[d] == t else -2
-    return gated, owner == -2
+    return gated, ratios, owner == -2
 
 
 @njit(cache=True)
@@ -74,12 +74,12 @@ def branch(parents: ParentHypotheses, boxes: BoxTable, limits: BranchingConstant
     V = len(boxes.origin)
     out = ChildHypotheses(*empty_children(len(parents.state) * (limits.max_children + V + 2), V))
     beam, narrow = ChildHypotheses(*empty_children(limits.beam_width, V)), ChildHypotheses(*empty_children(min(limits.beam_width, NARROW_BEAM), V))
-    gated, contested = _gate_all(parents, boxes, limits)
+    gated, ratios, contested = _gate_all(parents, boxes, limits)
     banned = np.zeros(len(boxes.cut), np.bool_)
     m = 0
     for i in range(len(parents.state)):
         if not parents.deleted[i]:
-            count, start = _beam_search(i, parents, boxes, limits, gated[i], banned, beam), m
+            count, start = _beam_search(i, parents, boxes, limits, (gated[i], ratios[i]), banned, beam), m
             ranked = np.argsort(-beam.increment[:count], kind="mergesort")
             least = beam.increment[ranked[0]] - limits.margin
             for b in ranked:
@@ -91,7 +91,7 @@ def branch(parents: ParentHypotheses, boxes: BoxTable, limits: BranchingConstant
                     if (w == v or v == V) and taken[w] >= 0 and contested[taken[w]]:
                         banned[taken[w]] = True
                 if banned.any() and not _any_avoids(out.box[start:m], banned):
-                    count = _beam_search(i, parents, boxes, limits, gated[i], banned, narrow)
+                    count = _beam_search(i, parents, boxes, limits, (gated[i], ratios[i]), banned, narrow)
                     b = int(np.argmax(narrow.increment[:count]))
                     if narrow.increment[b] >= least:
                         m = _append(out, m, start, i, narrow, b)
@@ -108,11 +108,12 @@ def branch(parents: ParentHypotheses, boxes: BoxTable, limits: BranchingConstant
 
 
 @njit(cache=True)
-def _beam_search(i: int, parents: Any, boxes: Any, limits: Any, gated: Ints, banned: Mask, beam: Any) -> int:
+def _beam_search(i: int, parents: Any, boxes: Any, limits: Any, gates: Any, banned: Mask, beam: Any) -> int:
     """Children of leaf i into the arrays of `beam`, unordered, as many as it has rows at most; how many.
 
-    gated (V, MAX_GATED): boxes within its gate, −1 after the last; banned (D,): boxes that it must not take.
+    gates: boxes (V, MAX_GATED) within its gate, −1 after the last, and their ratios for the leaf. banned (D,): boxes that it must not take.
     """
+    gated, ratios = gates
     size, predicted = len(beam.increment) * (MAX_GATED + 1), np.empty(21)
     beam.state[0], beam.covariance[0], beam.increment[0], count = parents.state[i], parents.covariance[i], 0.0, 1
     beam.box[:], beam.residual[:], beam.missed[:] = -1, np.nan, 0.0
@@ -128,10 +129,14 @@ def _beam_search(i: int, parents: Any, boxes: Any, limits: Any, gated: Ints, ban
             score[extended], source[extended], taken[extended] = beam.increment[b] + missed, b, -1
             extended += 1
             predict_measurement(beam.state[b], i, parents, boxes.origin[v], predicted)
-            for d in gated[v]:
+            moved = (beam.box[b] >= 0).any()
+            for k, d in enumerate(gated[v]):
                 if d < 0 or banned[d]:
                     continue
-                ratio = log_likelihood(predicted, beam.state[b], beam.covariance[b], v, d, boxes, limits) + parents.links[i, d]
+                ratio = ratios[v, k]
+                # A partial child that took a box is elsewhere than its leaf.
+                if moved:
+                    ratio = log_likelihood(predicted, beam.state[b], beam.covariance[b], v, d, boxes, limits) + parents.links[i, d]
                 if ratio > missed - limits.margin and ratio + boxes.weakness[d] > limits.least_fit:
                     score[extended], source[extended], taken[extended] = beam.increment[b] + ratio, b, d
                     extended += 1

@@ -6,9 +6,11 @@ So are leaves while they are too near each other for two bodies. Else a detector
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from tracker.geometry import Ints, Mask
+from tracker.geometry import Array, Ints, Mask
 from tracker.geometry.compilation import njit
 from tracker.mht.track_trees import TrackHypotheses
 
@@ -34,14 +36,22 @@ def conflicts_of(old: Mask, parent: Ints, tree: Ints, box: Ints) -> Mask:
 
 def of_one_body(leaves: TrackHypotheses, least: float) -> Mask:
     """Which two of n leaves (n, n) are too near each other for two bodies: less than `least` m in the mean of the ticks that both remember."""
-    tree, place, window = leaves.tree, leaves.state[:, :2], leaves.states.shape[1]
-    near = np.linalg.norm(place[:, None] - place, axis=2) < 2 * least
-    first, second = np.nonzero(np.triu(near & (tree[:, None] != tree)))
-    both = np.arange(window) < np.minimum(leaves.age[first], leaves.age[second])[:, None]
-    apart = np.linalg.norm(leaves.states[first, :, :2] - leaves.states[second, :, :2], axis=2)
-    one = np.mean(apart, axis=1, where=both) < least
-    out = np.zeros(near.shape, dtype=bool)
-    out[first[one], second[one]] = out[second[one], first[one]] = True
+    return np.asarray(_too_near(leaves.tree, leaves.state, leaves.states, leaves.age, least))
+
+
+@njit(cache=True)
+def _too_near(tree: Ints, state: Array, states: Array, age: Ints, least: float) -> Mask:
+    """`of_one_body` for trees (n,), states (n, 5), remembered states (n, T, 5), the latest first, and numbers of them (n,)."""
+    n, window = states.shape[:2]
+    out = np.zeros((n, n), np.bool_)
+    for i in range(n):
+        for j in range(i + 1, n):
+            if tree[i] == tree[j] or math.hypot(state[i, 0] - state[j, 0], state[i, 1] - state[j, 1]) >= 2 * least:
+                continue
+            both, apart = min(age[i], age[j], window), 0.0
+            for t in range(both):
+                apart += math.hypot(states[i, t, 0] - states[j, t, 0], states[i, t, 1] - states[j, t, 1])
+            out[i, j] = out[j, i] = apart < least * both
     return out
 
 

@@ -84,9 +84,10 @@ def _joint_view_order(rows: Ints, parents: Any, boxes: Any) -> Ints:
 def _pairwise_ratios(v: int, rows: Ints, parents: Any, boxes: Any, limits: Any, children: Any) -> Array:
     """Log-likelihood ratio (k, d) of each box of view v for the partial child of each leaf in `rows`; −inf where it is not taken."""
     first, end = boxes.start[v], boxes.start[v + 1]
-    out, predicted, gated = np.full((len(rows), end - first), -np.inf), np.empty(21), np.empty(MAX_GATED, np.int64)
+    out, predicted = np.full((len(rows), end - first), -np.inf), np.empty(21)
+    gated, ratios = np.empty(MAX_GATED, np.int64), np.empty(MAX_GATED)
     for k, i in enumerate(rows):
-        found = gate(v, i, parents, boxes, limits, gated)
+        found = gate(v, i, parents, boxes, limits, gated, ratios)
         predict_measurement(children.state[k], i, parents, boxes.origin[v], predicted)
         for d in gated[:found]:
             ratio = log_likelihood(predicted, children.state[k], children.covariance[k], v, d, boxes, limits) + parents.links[i, d]
