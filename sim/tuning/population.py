@@ -194,4 +194,3 @@ class _View:
         visible = bodies.visible * free.mean(axis=(0, 1))
         seen[visible <= 0] = 0.0
         return replace(bodies, seen=seen, visible=visible)
-

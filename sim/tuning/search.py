@@ -13,10 +13,11 @@ import secrets
 import socket
 import time
 import warnings
+from collections import deque
 from collections.abc import Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -70,12 +71,19 @@ class SearchPlan:
 
 @dataclass(eq=False)
 class RunningTrial:
-    """A trial of this process: its parameters, and its scores by case."""
+    """A trial of this process: its parameters, its scores by case, cases that are not begun, the number at work, and whether it has ended."""
 
     trial: Trial
     candidate: Candidate
-    scores: dict[int, float] = field(default_factory=dict)
-    next_case: int = 0
+    scores: dict[int, float]
+    left: deque[int]
+    at_work: int = 0
+    ended: bool = False
+
+    @property
+    def whole(self) -> bool:
+        """Whether it was tried on all cases."""
+        return not self.left and not self.at_work
 
 
 def open_study(plan: SearchPlan) -> Study:
@@ -104,6 +112,7 @@ class Search:
         self._owner = f"{socket.gethostname()}-{os.getpid()}-{secrets.token_hex(4)}"
         self._end = None if plan.seconds is None else time.monotonic() + plan.seconds
         self._idle: list[RunningTrial] = []
+        self._first: RunningTrial | None = None
         self._best = ""
 
     def run(self, executor: Executor, most: int, progress: Any) -> None:
@@ -111,12 +120,13 @@ class Search:
 
         Raises ValueError where a tracker fails with its default parameters.
         """
-        pending: dict[Future[dict[str, Any]], RunningTrial] = {}
+        pending: dict[Future[dict[str, Any]], tuple[RunningTrial, int]] = {}
         with self._process_lock():
             self._show(progress)
             while True:
                 while len(pending) < most and (one := self._next()) is not None:
-                    pending[executor.submit(score_case, self.plan.source, one.next_case, one.candidate)] = one
+                    one.at_work, case = one.at_work + 1, one.left.popleft()
+                    pending[executor.submit(score_case, self.plan.source, case, one.candidate)] = one, case
                 if not pending:
                     return
                 left = None if self._end is None else max(0.0, self._end - time.monotonic())
@@ -124,10 +134,10 @@ class Search:
                 if not done and left is not None:
                     return
                 for future in done:
-                    one = pending.pop(future)
-                    if self._add(one, future.result()):
+                    one, case = pending.pop(future)
+                    if self._add(one, case, future.result()):
                         self._show(progress)
-                    progress.set_postfix_str(f"{self._best}trial {one.trial.number}, case {one.next_case}")
+                    progress.set_postfix_str(f"{self._best}trial {one.trial.number}, case {case + 1}")
 
     def _next(self) -> RunningTrial | None:
         """A trial that goes on, or a new one; None where no more are wanted."""
@@ -135,8 +145,13 @@ class Search:
             return None
         if self._idle:
             return self._idle.pop(0)
+        # Others have nothing to race against until the first trial is whole, so all workers try its cases.
+        if self._first is not None and self._first.left and not self._first.ended:
+            return self._first
         with file_lock(self.plan.folder / CLAIMS, wait=True):
             one = self._claimed()
+        if one is not None and one.trial.number == 0:
+            self._first = one
         # A kill may have come between the last score and the end of a trial.
         return self._next() if one is not None and one.scores and self._concluded(one) else one
 
@@ -180,12 +195,13 @@ class Search:
         values = {one.name: one.suggest(trial) for one in self.plan.space}
         known = self.study.get_trials(deepcopy=False)[trial.number]
         scores = {step: value for step, value in known.intermediate_values.items() if value == value}
-        done = max(known.intermediate_values, default=-1)
-        return RunningTrial(trial, Candidate(self.plan.tracker, values), scores, done + 1)
+        return RunningTrial(trial, Candidate(self.plan.tracker, values), scores, deque(k for k in range(self.plan.cases) if k not in scores))
 
-    def _add(self, one: RunningTrial, result: dict[str, Any]) -> bool:
+    def _add(self, one: RunningTrial, case: int, result: dict[str, Any]) -> bool:
         """Note a score of a trial, and end it where it is whole, worse, or has failed. Returns whether it has ended."""
-        case, one.next_case = one.next_case, one.next_case + 1
+        one.at_work -= 1
+        if one.ended:
+            return False
         if error := result.get("error"):
             self._fail(one, error)
             return True
@@ -196,12 +212,13 @@ class Search:
             one.trial.report(score, case)
         if self._concluded(one):
             return True
-        self._idle.append(one)
+        if one is not self._first:
+            self._idle.append(one)
         return False
 
     def _concluded(self, one: RunningTrial) -> bool:
         """End a trial where it is worse than the best one, or was tried on all cases. Returns whether it has ended."""
-        if one.next_case < self.plan.cases:
+        if not one.whole:
             if not (one.scores and one.trial.should_prune()):
                 return False
             self._end_early(one)
@@ -211,6 +228,7 @@ class Search:
             self.study.tell(one.trial, objective_value(self.plan.objective, scores))
         else:
             self._fail(one, "nobody counts in any case")
+        one.ended = True
         return True
 
     def _end_early(self, one: RunningTrial) -> None:
@@ -225,6 +243,7 @@ class Search:
         # The trial is left open: after a repair, the same command continues it.
         if all(self.plan.defaults.get(name) == value for name, value in one.candidate.values.items()):
             raise ValueError(f"the tracker fails with its default parameters: {error}")
+        one.ended = True
         one.trial.set_user_attr("error", error)
         self.study.tell(one.trial, state=optuna.trial.TrialState.FAIL)
 
