@@ -28,7 +28,7 @@ NARROW_BEAM = 2
 
 @njit(cache=True)
 def gate(v: int, i: int, parents: Any, boxes: Any, limits: Any, gated: Ints, ratios: Array) -> int:
-    """Rows and log-likelihood ratios of the boxes of view v within the gate of the predicted leaf i, into `gated`, `ratios` (MAX_GATED,); how many."""
+    """Rows and log-likelihood ratios of the boxes of view v in the gate of the predicted leaf i, into `gated`, `ratios` (MAX_GATED,); how many."""
     predicted, x, P = np.empty(21), parents.state[i], parents.covariance[i]
     predict_measurement(x, i, parents, boxes.origin[v], predicted)
     found = 0
