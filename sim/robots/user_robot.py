@@ -37,6 +37,7 @@ class Wheel:
     """A wheel: name of its joint, its centre x, y m in the body, radius m; sign of its turn for driving ahead.
 
     steer: the vertical joint that turns its axle, "" for a fixed one; steer_sign: of its turn to the left; most_steer: rad.
+    turns: of a wheel with rollers, rad a metre ahead, a metre to the left, and a radian of the robot's turn to the left; () for another one.
     """
 
     joint: str
@@ -47,6 +48,7 @@ class Wheel:
     steer: str = ""
     steer_sign: float = 1.0
     most_steer: float = 0.0
+    turns: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -285,13 +287,19 @@ def _hinges(model: Any, root: int) -> list[int]:
 
 
 def _wheels(model: Any, data: Any, T_root: Pose, low: float, geoms: list[int]) -> tuple[Wheel, ...]:
-    """Hinges without limits and with a lateral axle, whose body touches the ground. Castors, whose vertical hinge has no limits, are no wheels."""
+    """Hinges without limits and with a lateral axle, whose body touches the ground. Castors, whose vertical hinge has no limits, are no wheels.
+
+    Three or four wheels with rollers that move the robot in all directions are taken alone; their axles may have any direction.
+    """
     out = []
     for joint in range(model.njnt):
         axis = T_root.rotation.T @ data.xaxis[joint]
         body = int(model.jnt_bodyid[joint])
-        mine = [g for g in geoms if model.geom_bodyid[g] == body]
-        if model.jnt_type[joint] != int(mujoco.mjtJoint.mjJNT_HINGE) or abs(axis[1]) < 0.95 or model.jnt_limited[joint] or not mine:
+        rollers = _rollers(model, body)
+        mine = [g for g in geoms if model.geom_bodyid[g] in (body, *rollers)]
+        if not _spins(model, joint) or (abs(axis[2]) > 0.1 if rollers else abs(axis[1]) < 0.95) or not mine:
+            continue
+        if body in _rollers(model, int(model.body_parentid[body])):
             continue
         vertical = [j for j in _hinges(model, int(model.body_rootid[body])) if abs(data.xaxis[j][2]) > 0.9 and _carries(model, j, body)]
         if any(not model.jnt_limited[j] or not model.joint(j).name for j in vertical):
@@ -301,8 +309,40 @@ def _wheels(model: Any, data: Any, T_root: Pose, low: float, geoms: list[int]) -
         bottom = min(float((geom_triangles(model, data, g) - T_root.translation)[..., 2].min()) for g in mine)
         if model.joint(joint).name and abs(bottom - low) < 0.02 and radius > 0.02:
             wheel = Wheel(model.joint(joint).name, float(centre[0]), float(centre[1]), radius, float(np.sign(axis[1])))
-            out.append(wheel if not vertical else _steered(wheel, model, data, vertical[0]))
-    return tuple(out)
+            wheel = wheel if not vertical else _steered(wheel, model, data, vertical[0])
+            out.append(wheel if not rollers else _with_rollers(wheel, axis, _lowest_axis(model, data, rollers, geoms) @ T_root.rotation))
+    omni = [wheel for wheel in out if wheel.turns]
+    if 3 <= len(omni) <= 4 and np.linalg.matrix_rank([wheel.turns for wheel in omni], 0.1) == 3:
+        return tuple(omni)
+    return tuple(wheel for wheel in out if not wheel.turns)
+
+
+def _spins(model: Any, joint: int) -> bool:
+    """Whether a joint is a hinge without limits."""
+    return bool(model.jnt_type[joint] == int(mujoco.mjtJoint.mjJNT_HINGE) and not model.jnt_limited[joint])
+
+
+def _rollers(model: Any, body: int) -> list[int]:
+    """The bodies that spin on one that spins itself, as rollers do on the rim of a wheel."""
+    spinning = {int(model.jnt_bodyid[joint]) for joint in range(model.njnt) if _spins(model, joint)}
+    return [b for b in range(1, model.nbody) if model.body_parentid[b] == body and b in spinning] if body in spinning else []
+
+
+def _lowest_axis(model: Any, data: Any, rollers: list[int], geoms: list[int]) -> Array:
+    """Axis (3,) of the roller that touches the ground, world frame."""
+    lowest = {b: min(float(geom_triangles(model, data, g)[..., 2].min()) for g in geoms if model.geom_bodyid[g] == b) for b in rollers}
+    return np.asarray(data.xaxis[model.body_jntadr[min(lowest, key=lambda body: lowest[body])]])
+
+
+def _with_rollers(wheel: Wheel, axle: Array, roller: Array) -> Wheel:
+    """The wheel with rollers: along the axis of the roller below it, its rim and the ground have one velocity (Muir & Neuman 1987).
+
+    axle, roller: directions (3,), body frame.
+    """
+    along = wheel.radius * (axle[1] * roller[0] - axle[0] * roller[1])
+    if abs(along) < 0.3 * wheel.radius:
+        return wheel
+    return replace(wheel, turns=tuple((np.array([roller[0], roller[1], wheel.x * roller[1] - wheel.y * roller[0]]) / along).tolist()))
 
 
 def _steered(wheel: Wheel, model: Any, data: Any, joint: int) -> Wheel:
@@ -371,7 +411,11 @@ def wheel_commands(robot: UserRobot, speed: float, yaw_rate: float, measured_yaw
     """Commands (n,) of the robot's `servos` for `speed` m/s and `yaw_rate` rad/s, with feedback of the gyroscope's `measured_yaw_rate`.
 
     Two axles skid in a turn, as rover.wheel_speeds says; two wheels do not. Steered wheels are tangents to circles about one centre (Ackermann).
+    Wheels with rollers do not skid.
     """
+    if robot.wheels[0].turns:
+        turns = np.array([wheel.turns for wheel in robot.wheels])
+        return np.asarray(turns @ [speed, 0.0, yaw_rate + 2.0 * (yaw_rate - measured_yaw_rate)])
     if robot.steered:
         most = 1 / robot.turning_radius
         bend = float(np.clip(np.copysign(yaw_rate, yaw_rate * speed) / max(abs(speed), 0.05), -most, most))
@@ -382,8 +426,14 @@ def wheel_commands(robot: UserRobot, speed: float, yaw_rate: float, measured_yaw
     return np.array([wheel.sign * (speed - turn * wheel.y) / wheel.radius for wheel in robot.wheels])
 
 
-def encoder_wheels(robot: UserRobot) -> list[Wheel]:
-    """The wheels whose encoders count, in the order of rover.WHEELS: the front and the rear one of each side, of those that are driven."""
+def encoder_wheels(robot: UserRobot) -> list[tuple[str, float]]:
+    """Joints of four wheels whose encoders count, each with m a radian. The mean of the four ways is the robot's way ahead.
+
+    In the order of rover.WHEELS: the front and the rear one of each side, of those that are driven. Wheels with rollers share by least squares.
+    """
+    if robot.wheels[0].turns:
+        ahead = len(rover.WHEELS) * np.linalg.pinv([wheel.turns for wheel in robot.wheels])[0]
+        return [*((w.joint, m) for w, m in zip(robot.wheels, ahead.tolist(), strict=True)), (robot.wheels[0].joint, 0.0)][: len(rover.WHEELS)]
     ordered = sorted(robot.driven, key=lambda wheel: -wheel.x)
     left, right = ([wheel for wheel in ordered if side * wheel.y > 0] or ordered for side in (1, -1))
-    return [left[0], right[0], left[-1], right[-1]]
+    return [(wheel.joint, wheel.sign * wheel.radius) for wheel in (left[0], right[0], left[-1], right[-1])]

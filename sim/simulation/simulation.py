@@ -372,8 +372,8 @@ class Simulation:
                 continue
             counted = [] if user is None else encoder_wheels(user)
             rolling.append(i)
-            wheels.append([f"{robot}/{name}" for name in (rover.WHEELS if user is None else [wheel.joint for wheel in counted])])
-            scale.append([1.0] * len(rover.WHEELS) if user is None else [wheel.sign * wheel.radius / rover.WHEEL_RADIUS for wheel in counted])
+            wheels.append([f"{robot}/{name}" for name in (rover.WHEELS if user is None else [joint for joint, _ in counted])])
+            scale.append([1.0] * len(rover.WHEELS) if user is None else [metres / rover.WHEEL_RADIUS for _, metres in counted])
             motors += wheels[-1] if user is None else [f"{robot}/{servo}" for servo in user.servos]
         joints = np.array([[self.model.joint(name).id for name in names] for names in wheels], dtype=np.int64).reshape(-1, len(rover.WHEELS))
         self._rolling, self._wheel_qpos = np.array(rolling, dtype=np.int64), self.model.jnt_qposadr[joints]

@@ -27,7 +27,9 @@ Cameras: x_camera = R x_world + t [m], x right, y down, z ahead; on a robot, x_c
 K and distortion are OpenCV's, for the first pixel's centre at (0, 0). An equirectangular or cylindrical image begins at its corner (0, 0).
 World: right-handed, z up. Boxes may lie partly outside the image.
 
-A recording does not hold: masks, key points, and visibility in each camera.
+own_body of a camera on a robot: rows of 0 and 1 over all directions, as in an equirectangular image; 1 where it sees its own robot.
+
+A recording does not hold: masks, key points, visibility in each camera, and samples of IMUs (export to EuRoC or MCAP has them).
 """
 
 
@@ -49,7 +51,7 @@ def recording_of(sequence: RecordedSequence) -> Recording:
             assert start is not None
             cameras[name] = RecordingCamera(mount.camera, start.T_world_robot @ mount.T_body_camera)
         else:
-            cameras[name] = RecordingCamera(mount.camera, mount.T_body_camera, mount.robot)
+            cameras[name] = RecordingCamera(mount.camera, mount.T_body_camera, mount.robot, own_body=mount.own_body)
     moved = list(sequence.sequence.ticks.odometry())
     for robot in setup.moving_robots:
         odometry: dict[int, Odometry] = {frame: of_frame[robot] for frame, of_frame in enumerate(moved) if robot in of_frame}

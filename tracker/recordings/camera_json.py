@@ -9,11 +9,12 @@
 x_camera = R x_world + t with optical axes: x right, y down, z ahead, as OpenCV has them. A panorama looks ahead in its middle.
 A camera whose pose is not known has neither R nor t, and one of which nothing is known has width and height alone; `pilsim calibrate` finds them.
 A camera on a robot has "robot": NAME, and x_camera = R x_robot + t with the robot's axes x ahead, y left, z up. A lens may lack "distortion".
+It may have "own_body": ["0011…", …], rows of 0 and 1 over all directions, as in an equirectangular image: 1 where the camera sees its own robot.
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from difflib import get_close_matches
 from typing import Any
 
@@ -24,6 +25,7 @@ from tracker.geometry.camera_protocol import MAX_SIDE
 from tracker.geometry.cameras import Camera, Cylinder, Fisheye, Panorama, Pinhole, Tsai
 from tracker.io.json_files import JsonObject
 from tracker.recordings.recording import RecordingCamera
+from tracker.sequence.calibration import own_body_entry, own_body_from
 
 ROUNDED = 1e-3
 """Largest |R Rᵀ − 1| of a rotation with rounded digits. The nearest rotation is taken."""
@@ -51,7 +53,7 @@ CLASSES: dict[str, type[Pinhole | Fisheye | Panorama | Cylinder | Tsai]] = {
     "cylindrical": Cylinder,
     "tsai": Tsai,
 }
-OPTIONAL = ("robot", "offset_s", "rate")
+OPTIONAL = ("robot", "own_body", "offset_s", "rate")
 """Fields that a camera may have; the last two are of its clock (clocks.py)."""
 SYNONYMS = {
     "opencv": "pinhole",
@@ -76,7 +78,8 @@ def camera_from(entry: Any, where: str) -> RecordingCamera:
     _check_keys(fields, model, ("R", "t"))
     robot = fields.text("robot", r".*\S.*", "the name of a robot") if fields.values.get("robot") is not None else None
     R = rotation(fields.array("R", (3, 3), meaning="a rotation from world to camera, which cv2.Rodrigues makes of a vector"), f"{where}: R")
-    return RecordingCamera.of_opencv(_camera(fields, model), R, fields.array("t", (3,), meaning="x, y, z in metres"), robot)
+    camera = RecordingCamera.of_opencv(_camera(fields, model), R, fields.array("t", (3,), meaning="x, y, z in metres"), robot)
+    return replace(camera, own_body=own_body_from(entry, f"{where}: own_body"))
 
 
 def _uncalibrated(fields: JsonObject) -> RecordingCamera:
@@ -99,7 +102,7 @@ def camera_to(camera: RecordingCamera) -> dict[str, Any]:
     if "pose" in camera.unknown:
         return _entry(camera.camera)
     R, t = camera.opencv_extrinsics
-    entry = _entry(camera.camera) | {"R": R.tolist(), "t": t.tolist()}
+    entry = _entry(camera.camera) | {"R": R.tolist(), "t": t.tolist()} | own_body_entry(camera.own_body)
     return entry if camera.robot is None else entry | {"robot": camera.robot}
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tracker.detections.boxes import detections_from_boxes, feet_seen
-from tracker.geometry import Array, Ints, Pose
+from tracker.geometry import Array, Ints, Mask, Pose
 from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Camera, Pinhole
 from tracker.geometry.ground import Flat, Ground
 from tracker.io.mot15 import MAX_FRAME
@@ -47,12 +47,14 @@ class RecordingCamera:
 
     pose: T_world_camera of a fixed camera; T_robot_camera where `robot` names the robot that carries it.
     unknown: "K" where the model is a guess by the size of the image, "pose" where the pose is none. `pilsim calibrate` finds them.
+    own_body: as in Mount.
     """
 
     camera: Camera
     pose: Pose
     robot: str | None = None
     unknown: frozenset[str] = frozenset()
+    own_body: Mask | None = None
 
     @staticmethod
     def uncalibrated(width: int, height: int, camera: Camera | None = None) -> RecordingCamera:
@@ -364,7 +366,7 @@ class Recording:
                 mounts[name] = Mount(camera.camera, Pose.identity(), name, period=period)
                 starts[name] = Start(camera.pose, np.zeros((6, 6)))
             else:
-                mounts[name] = Mount(camera.camera, camera.pose, camera.robot, period=period)
+                mounts[name] = Mount(camera.camera, camera.pose, camera.robot, period=period, own_body=camera.own_body)
                 starts[camera.robot] = self.robots[camera.robot].start
         area = None if self.area is None else np.asarray(self.area)
         return Setup(mounts, self.ground, starts, 1 / self.rate, area=area, height=self.height, occluders=self.occluders, pillars=self.pillars)

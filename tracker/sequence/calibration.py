@@ -45,7 +45,7 @@ def calibration_of(setup: Setup) -> dict[str, Any]:
             name: _camera_json(mount.camera)
             | {"robot": mount.robot, "T_body_camera": pose_row(mount.T_body_camera)}
             | {key: value for key, value in (("readout", mount.readout), ("exposure", mount.exposure)) if value}
-            | ({} if mount.own_body is None else {"own_body": ["".join("01"[cell] for cell in row) for row in mount.own_body.astype(int)]})
+            | own_body_entry(mount.own_body)
             for name, mount in setup.mounts.items()
         },
         "starts": {
@@ -64,7 +64,7 @@ def setup_from(calibration: Mapping[str, Any], ground: Ground, occluders: Ground
             entry["robot"],
             _seconds(name, entry, "readout"),
             _seconds(name, entry, "exposure"),
-            own_body=_own_body(name, entry),
+            own_body=own_body_from(entry, f"own_body of camera {name!r}"),
         )
         for name, entry in calibration["cameras"].items()
     }
@@ -81,15 +81,20 @@ def setup_from(calibration: Mapping[str, Any], ground: Ground, occluders: Ground
     return Setup(mounts, ground, starts, period, height=(low, high), occluders=occluders)
 
 
-def _own_body(name: str, entry: Mapping[str, Any]) -> Mask | None:
-    """Where a camera sees its own robot, or None. Raises ValueError for what are no rows of 0 and 1 of one length."""
+def own_body_entry(own_body: Mask | None) -> dict[str, list[str]]:
+    """The field "own_body" of a camera, as Mount has it: rows of 0 and 1 over all directions, as in a panorama. Empty for None."""
+    return {} if own_body is None else {"own_body": ["".join("01"[cell] for cell in row) for row in own_body.astype(int)]}
+
+
+def own_body_from(entry: Mapping[str, Any], where: str) -> Mask | None:
+    """Where a camera sees its own robot, or None. Raises ValueError that begins with `where` for what are no rows of 0 and 1 of one length."""
     rows = entry.get("own_body")
     if rows is None:
         return None
     if not isinstance(rows, list) or not rows or not all(isinstance(row, str) and row and not set(row) - {"0", "1"} for row in rows):
-        raise ValueError(f"own_body of camera {name!r} is {str(rows)[:40]}, needs rows of 0 and 1")
+        raise ValueError(f"{where} is {str(rows)[:40]}, needs rows of 0 and 1")
     if len({len(row) for row in rows}) > 1:
-        raise ValueError(f"own_body of camera {name!r} has rows of several lengths, needs one")
+        raise ValueError(f"{where} has rows of several lengths, needs one")
     return np.array([[cell == "1" for cell in row] for row in rows])
 
 

@@ -174,6 +174,14 @@ Errors of the cameras, only where they were asked for; `scenario.json` has their
   instance, class and range of the lens with the larger share of it; range is along the ray of that lens.
 """
 
+ROBOTS_README = """
+Only where robots of your own drive:
+
+* `own_body` of a camera in `calibration.json`: rows of 0 and 1 over all directions, as in a panorama; 1 where it sees the robot that carries it.
+* `T_body_imu_of_robots` in `sensors.json`, entry `imu`: where the IMU of each robot sits; its samples are along the IMU's axes. It holds in place of
+  `T_body_imu`.
+"""
+
 PLACE_FILE = "place.toml"
 """The choices for a place of a user's file, in a sequence in it."""
 PLACE_README = """

@@ -39,6 +39,7 @@ from tracker.sequence.schema import (
     PLACE_FILE,
     PLACE_README,
     README,
+    ROBOTS_README,
     ROBOT_DETECTIONS,
     ROBOTS,
     ROWS,
@@ -257,6 +258,8 @@ class SequenceWriter:
         self._write_calibrations()
         notes = SITTING_README if self._says_who_sits else ""
         notes += (SENSORS_README if self.sensors else "") + (EFFECTS_README if self._effect_tables else "")
+        own_robots = any(mount.own_body is not None for mount in self.setup.mounts.values())
+        notes += ROBOTS_README if own_robots or (self.sensors and "T_body_imu_of_robots" in self.sensors.description.get("imu", {})) else ""
         notes += PLACE_README if (root / PLACE_FILE).is_file() else ""
         (root / "README.md").write_text(README + notes, encoding="utf-8")
         if self.sensors and self.sensors.description:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 WHEEL = """<body name="{name}" pos="{x} {y} 0.1">{steer}<joint name="{name}" type="hinge" axis="0 1 0" damping="0.01"/>
 <geom type="cylinder" size="0.1 0.03" quat="0.7071 0.7071 0 0" mass="0.6" friction="0.9 0.01 0.001"/></body>"""
 CASTER = '<geom name="caster" type="sphere" size="0.05" pos="-0.2 0 0.05" friction="0.01 0.01 0.01" priority="1" mass="0.3"/>'
@@ -48,6 +50,31 @@ def ackermann(folder: Path) -> str:
     """Two driven wheels, and two that are steered."""
     wheels = [("fl", 0.2, 0.2), ("fr", 0.2, -0.2), ("rl", -0.2, 0.2), ("rr", -0.2, -0.2)]
     return rolling(folder / "ackermann.xml", wheels, steered=("fl", "fr"))
+
+
+def _on_rollers(path: Path, wheels: list[tuple[float, float, float, float]]) -> str:
+    """A hull on wheels with eight rollers each: x, y m, direction of the axle, and angle of the rollers to the rim, degrees."""
+    roller = """<body pos="{x:.4f} 0 {z:.4f}" euler="{tilt}"><joint type="hinge" axis="1 0 0" damping="0.0001"/>
+<geom type="capsule" size="0.02" fromto="-0.025 0 0 0.025 0 0" mass="0.02" friction="0.9 0.01 0.001"/></body>"""
+    bodies = ""
+    for k, (x, y, turn, skew) in enumerate(wheels):
+        around = np.arange(8) * np.pi / 4
+        rim = "".join(roller.format(x=0.08 * np.sin(a), z=0.08 * np.cos(a), tilt=f"0 {np.degrees(a):.1f} {skew}") for a in around)
+        core = f'<joint name="w{k}" type="hinge" axis="0 1 0" damping="0.01"/><geom type="cylinder" size="0.05 0.02" euler="90 0 0" mass="0.4"/>'
+        bodies += f'<body name="w{k}" pos="{x:.4f} {y:.4f} 0.1" euler="0 0 {turn}">{core}{rim}</body>'
+    path.write_text(f'<mujoco><worldbody><body name="cart"><freejoint/>{HULL}{bodies}</body></worldbody></mujoco>')
+    return str(path)
+
+
+def kiwi(folder: Path) -> str:
+    """Three omnidirectional wheels, at 60°, 180° and 300°."""
+    at = [(0.25 * np.cos(np.radians(a)), 0.25 * np.sin(np.radians(a)), a - 90.0, 0.0) for a in (60.0, 180.0, 300.0)]
+    return _on_rollers(folder / "kiwi.xml", at)
+
+
+def mecanum(folder: Path) -> str:
+    """Four wheels with rollers at 45°."""
+    return _on_rollers(folder / "mecanum.xml", [(x, y, 0.0, 45.0 * np.sign(x * y)) for x in (0.2, -0.2) for y in (0.2, -0.2)])
 
 
 def walker(folder: Path) -> str:

@@ -12,10 +12,10 @@ import pytest
 from sim.recording.tracker_setup import make_setup
 from sim.robots.controller import DriveCommand, RobotState
 from sim.robots.robot_choice import RobotChoice, parse_robots
-from sim.robots.user_robot import load_robot, wheel_commands
+from sim.robots.user_robot import encoder_wheels, load_robot, wheel_commands
 from sim.scenario import Scenario
 from sim.simulation import Simulation
-from tests.sim.robots.samples import ackermann, differential, quadrotor, rolling, self_controlled, skid_steer, tower, walker
+from tests.sim.robots.samples import ackermann, differential, kiwi, mecanum, quadrotor, rolling, self_controlled, skid_steer, tower, walker
 from tracker.detections.occlusion import Bodies, Viewpoint
 from tracker.geometry import Pose, rotation_from_quaternion
 from tracker.sequence.calibration import calibration_of, setup_from
@@ -24,6 +24,8 @@ KINDS: dict[Callable[[Path], str], tuple[str, int, int]] = {
     differential: ("wheels", 2, 0),
     skid_steer: ("wheels", 4, 0),
     ackermann: ("wheels", 4, 0),
+    kiwi: ("wheels", 3, 0),
+    mecanum: ("wheels", 4, 0),
     walker: ("base", 0, 4),
     quadrotor: ("thrust", 0, 0),
 }
@@ -125,6 +127,19 @@ def test_a_robot_with_steered_wheels_turns_about_one_centre(tmp_path: Path) -> N
     np.testing.assert_allclose(1 / np.tan(steer), [1.8 / 0.4, 2.2 / 0.4])
     assert wheel_commands(robot, -0.5, 0.25, 0.0)[2] < 0
     assert np.abs(wheel_commands(robot, 0.0, 0.8, 0.0)[2:]).max() <= np.radians(35) + 1e-9
+
+
+def test_wheels_with_rollers_turn_as_their_rollers_let_them(tmp_path: Path) -> None:
+    """Mecanum wheels (Muir & Neuman 1987): radius times speed is ahead less left or plus left, less or plus the turn about the sum of both arms."""
+    robot = load_robot(RobotChoice(mecanum(tmp_path)))
+    ahead, turn = wheel_commands(robot, 0.5, 0.0, 0.0), wheel_commands(robot, 0.0, 0.6, 0.6)
+    np.testing.assert_allclose(ahead, np.full(4, 0.5 / 0.1), rtol=1e-3)
+    np.testing.assert_allclose(turn, 0.6 * 0.4 / 0.1 * np.array([-1, 1, -1, 1]), rtol=1e-3)
+    assert sorted(np.sign([wheel.turns[1] for wheel in robot.wheels])) == [-1, -1, 1, 1]
+    three = load_robot(RobotChoice(kiwi(tmp_path)))
+    turns = np.array([wheel.turns for wheel in three.wheels])
+    way = sum(metres * turns[[w.joint for w in three.wheels].index(joint)] for joint, metres in encoder_wheels(three)) / 4
+    np.testing.assert_allclose(way, [1, 0, 0], atol=1e-9)
 
 
 def test_the_mask_of_its_own_body_is_what_the_camera_sees_of_it(tmp_path: Path) -> None:

@@ -38,6 +38,15 @@ def test_a_sequence_is_read_back(sequence: Path, exported: Exported) -> None:
             assert (v.odometry is None) == (w.odometry is None)
 
 
+def test_what_a_robot_sees_of_itself_is_kept(sequence: Path) -> None:
+    recorded = RecordedSequence.open(sequence)
+    own_body = np.arange(32).reshape(4, 8) % 5 == 0
+    mounts = {n: replace(m, own_body=own_body if m.robot in recorded.setup.moving_robots else None) for n, m in recorded.setup.mounts.items()}
+    seen = replace(recorded, sequence=replace(recorded.sequence, setup=replace(recorded.setup, mounts=mounts)))
+    again = recording_of(seen).setup().mounts
+    assert {n: m.own_body is own_body for n, m in again.items()} == {n: m.robot in recorded.setup.moving_robots for n, m in mounts.items()}
+
+
 def test_the_same_results_have_the_same_scores(sequence: Path, exported: Exported) -> None:
     """Of a tracker's own results, and of the true places of every second person."""
     known, read = read_sequence(sequence), open_sequence(exported("recording") / "plaza")

@@ -40,6 +40,9 @@ def error_of(entry: Any) -> str:
 def assert_same(camera: RecordingCamera, other: RecordingCamera) -> None:
     assert camera.camera == other.camera
     assert camera.robot == other.robot
+    assert (camera.own_body is None) == (other.own_body is None)
+    if camera.own_body is not None:
+        np.testing.assert_array_equal(camera.own_body, other.own_body)
     assert_allclose(camera.pose.rotation, other.pose.rotation, atol=1e-14)
     assert_allclose(camera.pose.translation, other.pose.translation, atol=1e-13)
 
@@ -49,7 +52,8 @@ def assert_same(camera: RecordingCamera, other: RecordingCamera) -> None:
 @pytest.mark.parametrize("robot", [None, "r0"])
 def test_reading_gives_back_what_was_written(model: str, seed: int, robot: str | None) -> None:
     rng = np.random.default_rng(seed)
-    camera = RecordingCamera(random_camera(model, seed), Pose(exp_so3(rng.normal(0, 2, 3)), rng.normal(0, 10, 3)), robot)
+    own_body = rng.random((4, 8)) < 0.3 if robot else None
+    camera = RecordingCamera(random_camera(model, seed), Pose(exp_so3(rng.normal(0, 2, 3)), rng.normal(0, 10, 3)), robot, own_body=own_body)
     assert_same(camera_from(json.loads(json.dumps(camera_to(camera), allow_nan=False)), WHERE), camera)
 
 
