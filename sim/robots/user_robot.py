@@ -37,7 +37,7 @@ class Wheel:
     """A wheel: name of its joint, its centre x, y m in the body, radius m; sign of its turn for driving ahead.
 
     steer: the vertical joint that turns its axle, "" for a fixed one; steer_sign: of its turn to the left; most_steer: rad.
-    turns: of a wheel with rollers, rad a metre ahead, a metre to the left, and a radian of the robot's turn to the left; () for another one.
+    turns: rad a metre ahead, a metre to the left, and a radian of the robot's turn to the left. () for a wheel without rollers.
     """
 
     joint: str
@@ -411,11 +411,11 @@ def wheel_commands(robot: UserRobot, speed: float, yaw_rate: float, measured_yaw
     """Commands (n,) of the robot's `servos` for `speed` m/s and `yaw_rate` rad/s, with feedback of the gyroscope's `measured_yaw_rate`.
 
     Two axles skid in a turn, as rover.wheel_speeds says; two wheels do not. Steered wheels are tangents to circles about one centre (Ackermann).
-    Wheels with rollers do not skid.
+    Wheels with rollers do not skid, and need no feedback.
     """
     if robot.wheels[0].turns:
         turns = np.array([wheel.turns for wheel in robot.wheels])
-        return np.asarray(turns @ [speed, 0.0, yaw_rate + 2.0 * (yaw_rate - measured_yaw_rate)])
+        return np.asarray(turns @ [speed, 0.0, yaw_rate])
     if robot.steered:
         most = 1 / robot.turning_radius
         bend = float(np.clip(np.copysign(yaw_rate, yaw_rate * speed) / max(abs(speed), 0.05), -most, most))

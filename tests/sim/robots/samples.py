@@ -36,8 +36,11 @@ def self_controlled(folder: Path, controller: str) -> str:
 
 def tower(folder: Path) -> str:
     """Two wheels, a camera at 1.2 m before a tower that is higher, and a site for an IMU, turned by a quarter."""
-    extra = CASTER + """<geom name="tower" type="box" size="0.05 0.2 0.8" pos="-0.1 0 0.9" mass="1"/><site name="head" pos="0.1 0 1.2"/>
+    extra = (
+        CASTER
+        + """<geom name="tower" type="box" size="0.05 0.2 0.8" pos="-0.1 0 0.9" mass="1"/><site name="head" pos="0.1 0 1.2"/>
 <site name="imu" pos="0.1 0.05 0.3" euler="0 0 90"/>"""
+    )
     return rolling(folder / "tower.xml", [("left", 0.0, 0.2), ("right", 0.0, -0.2)], extra)
 
 
@@ -53,13 +56,14 @@ def ackermann(folder: Path) -> str:
 
 
 def _on_rollers(path: Path, wheels: list[tuple[float, float, float, float]]) -> str:
-    """A hull on wheels with eight rollers each: x, y m, direction of the axle, and angle of the rollers to the rim, degrees."""
+    """A hull on wheels with twelve barrels on each rim: x, y m, direction of the axle, and angle of the barrels to the rim, degrees."""
     roller = """<body pos="{x:.4f} 0 {z:.4f}" euler="{tilt}"><joint type="hinge" axis="1 0 0" damping="0.0001"/>
-<geom type="capsule" size="0.02" fromto="-0.025 0 0 0.025 0 0" mass="0.02" friction="0.9 0.01 0.001"/></body>"""
+<geom type="ellipsoid" size="{long:.4f} 0.02 0.02" mass="0.02" friction="0.9 0.01 0.001" conaffinity="0"/></body>"""
     bodies = ""
     for k, (x, y, turn, skew) in enumerate(wheels):
-        around = np.arange(8) * np.pi / 4
-        rim = "".join(roller.format(x=0.08 * np.sin(a), z=0.08 * np.cos(a), tilt=f"0 {np.degrees(a):.1f} {skew}") for a in around)
+        # So long that their curve is that of the rim.
+        long, around = np.sqrt(0.1 * 0.02) / np.cos(np.radians(skew)), np.arange(12) * np.pi / 6
+        rim = "".join(roller.format(x=0.08 * np.sin(a), z=0.08 * np.cos(a), tilt=f"0 {np.degrees(a):.1f} {skew}", long=long) for a in around)
         core = f'<joint name="w{k}" type="hinge" axis="0 1 0" damping="0.01"/><geom type="cylinder" size="0.05 0.02" euler="90 0 0" mass="0.4"/>'
         bodies += f'<body name="w{k}" pos="{x:.4f} {y:.4f} 0.1" euler="0 0 {turn}">{core}{rim}</body>'
     path.write_text(f'<mujoco><worldbody><body name="cart"><freejoint/>{HULL}{bodies}</body></worldbody></mujoco>')
@@ -68,7 +72,7 @@ def _on_rollers(path: Path, wheels: list[tuple[float, float, float, float]]) -> 
 
 def kiwi(folder: Path) -> str:
     """Three omnidirectional wheels, at 60°, 180° and 300°."""
-    at = [(0.25 * np.cos(np.radians(a)), 0.25 * np.sin(np.radians(a)), a - 90.0, 0.0) for a in (60.0, 180.0, 300.0)]
+    at = [(0.3 * np.cos(np.radians(a)), 0.3 * np.sin(np.radians(a)), a - 90.0, 0.0) for a in (60.0, 180.0, 300.0)]
     return _on_rollers(folder / "kiwi.xml", at)
 
 
