@@ -1,6 +1,6 @@
 """Crowd simulation: people walk to their goals, alone or in groups, around each other, walls and robots.
 
-One step has three parts: interactions (social_force.py), motion (steering.py) and behaviour (behavior.py). Plans are drawn in goals.py.
+One step has three parts: interactions and motion (social_force.py), and behaviour (behavior.py). Plans are drawn in goals.py.
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from sim.crowd.behavior import BehaviorState, StepInput, update_behavior
 from sim.crowd.goals import GoalPlans
 from sim.crowd.postures import Postures
-from sim.crowd.social_force import GOAL, HEADING, PAUSE, PRESENT, STUCK, VISIT, VX, X, interactions
-from sim.crowd.steering import SteeringGrid, advance, desired_motion
+from sim.crowd.social_force import GOAL, HEADING, PAUSE, PRESENT, STUCK, VISIT, VX, SteeringGrid, X, advance, desired_motion, interactions
 from sim.pedestrian.gait import Terrain
 from tracker.geometry import Array, frozen
 from worlds.terrain.free_space import FreeSpace

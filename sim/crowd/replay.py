@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from sim.crowd.crowd import COLUMNS, CrowdState, Obstacles
-from sim.crowd.social_force import GOAL, HEADING, PRESENT, VX, X
-from sim.crowd.steering import TURN_RATE
+from sim.crowd.social_force import GOAL, HEADING, PRESENT, TURN_RATE, VX, X
 from tracker.geometry import Array, frozen, wrap
 from worlds.terrain.free_space import FEET, FreeSpace
 

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from sim.crowd.behavior import BehaviorState, StepInput, update_behavior
 from sim.crowd.crowd import CrowdState
-from sim.crowd.social_force import interactions
-from sim.crowd.steering import SteeringGrid, advance, desired_motion
+from sim.crowd.social_force import SteeringGrid, advance, desired_motion, interactions
 from sim.placement import kinematics
 from sim.placement.config import DRIVING_STEPS, SPEED, YAW, PlacementConfig, X, Y
 from sim.placement.kinematics import CONTACT_DISTANCE, NEAR_MISS_DISTANCE, drive_step, near_misses
