@@ -1,24 +1,183 @@
 """A camera as it is mounted: the views that are recorded of it, and for a dual fisheye its lenses and how they are stitched.
 
 The frame of a rig is that of a camera: x forward, y left, z up. Its origin is the middle between two lenses.
+A text names a camera: a model or a published camera, and options, as in `dual-fisheye:fov=200,baseline=0.02`.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
-from sim.cameras.specification import EQUIRECTANGULAR, CameraSpecification, parse_camera
 from sim.cameras.stitching import Stitching
 from tracker.geometry import Pose, rotation_z
 from tracker.geometry.cameras import Camera, Cylinder, Fisheye, Panorama, Pinhole
+from tracker.io.text_files import named_values
 
+EQUIRECTANGULAR = "equirectangular"
+OUTPUTS = ("both", "stitched", "raw")
+"""What is recorded of a dual fisheye: the pictures of the lenses and the stitched panorama, or one kind."""
+UNSET = math.nan
+
+_SIZE = {"width": (UNSET, 32.0, 8192.0), "height": (UNSET, 32.0, 8192.0)}
+_AIM = {"yaw": (0.0, -180.0, 180.0), "pitch": (0.0, -90.0, 90.0)}
+_LENS = {"fx": (UNSET, 1.0, 1e5), "fy": (UNSET, 1.0, 1e5), "cx": (UNSET, -1e5, 1e5), "cy": (UNSET, -1e5, 1e5)}
+_RADIAL = {f"k{i}": (0.0, -10.0, 10.0) for i in range(1, 5)}
+OPTIONS: dict[str, dict[str, tuple[float, float, float]]] = {
+    EQUIRECTANGULAR: {},
+    "fisheye": {"fov": (190.0, 10.0, 360.0)} | _SIZE | _AIM | _LENS | _RADIAL,
+    "pinhole": {"fov": (90.0, 10.0, 160.0)} | _SIZE | _AIM | _LENS | dict.fromkeys(("k1", "k2", "p1", "p2", "k3"), (0.0, -10.0, 10.0)),
+    "cylindrical": {"fov": (60.0, 10.0, 150.0), "width": _SIZE["width"]},
+    "dual-fisheye": {
+        "fov": (200.0, 180.0, 260.0),
+        "baseline": (0.02, 0.0, 0.3),
+        "distance": (3.0, 0.2, 1000.0),
+        "feather": (5.0, 0.0, 60.0),
+        "focal_error": (0.0, -10.0, 10.0),
+        "width": _SIZE["width"],
+        "lens": (UNSET, 32.0, 8192.0),
+    }
+    | _RADIAL,
+}
+"""Model → option → its default, lowest and highest value.
+
+fov: degrees; of a fisheye the cone that it sees, of a pinhole from left to right, of a cylinder from top to bottom. width, height: px.
+yaw, pitch: degrees, the direction of the optical axis, to the left and up. fx, fy, cx, cy: px, in place of fov.
+k1 to k4, p1, p2: distortion as OpenCV has it. baseline: m between the lenses. distance: m, at which stitching has no parallax.
+feather: degrees over which the two pictures are blended. lens: px, side of a lens' picture.
+focal_error: %, by which stitching takes the focal length of the lenses as too long. A dual fisheye has the option output, too.
+"""
+WHOLE = ("width", "height", "lens")
+
+PUBLISHED: dict[str, tuple[str, dict[str, float]]] = {
+    "theta-sc": ("dual-fisheye", {"fov": 202.15558, "lens": 960, "baseline": 0.0179}),
+    "tum-vi": (
+        "fisheye",
+        {
+            "width": 512, "height": 512, "fov": 195.0, "fx": 190.97847715128717, "fy": 190.9733070521226, "cx": 254.93170605935475,
+            "cy": 256.8974428996504, "k1": 0.0034823894022493434, "k2": 0.0007150348452162257, "k3": -0.0020532361418706202,
+            "k4": 0.00020293673591811182,
+        },
+    ),
+    "euroc": (
+        "pinhole",
+        {
+            "width": 752, "height": 480, "fx": 458.654, "fy": 457.296, "cx": 367.215, "cy": 248.375, "k1": -0.28340811, "k2": 0.07395907,
+            "p1": 0.00019359, "p2": 1.76187114e-05,
+        },
+    ),
+}  # fmt: skip
+"""Name → its model and options, in the units of OPTIONS.
+
+theta-sc: Ricoh Theta SC. Equidistant lenses of 202.15558°, round images of radius 480 px in a video of 1920 x 1080, as measured at
+https://monochrome.sutic.nu/2017/08/03/ricoh-theta-sc-lens-parameters.html. The distance of its lenses is not published.
+The baseline is the thickness of a Theta V without its lenses, 17.9 mm (https://theta360.com/en/etc/technology.html).
+tum-vi: left camera of the TUM VI data set, 512 x 512, with its calibration
+(Schubert et al., The TUM VI Benchmark for Evaluating Visual-Inertial Odometry, IROS 2018; field of view of its lens: 195°).
+euroc: left camera of the EuRoC data set, an MT9V034 with a global shutter, with the calibration of its sensor.yaml
+(Burri et al., The EuRoC micro aerial vehicle datasets, IJRR 2016).
+"""
 LENSES = ("_front", "_back")
 """What the names of the views of the two lenses end with."""
+
+
+@dataclass(frozen=True)
+class CameraSpecification:
+    """A camera model with all its options, in the units of OPTIONS. output: of a dual fisheye, one of OUTPUTS.
+
+    published_width: px, of a published calibration, which `width` scales; 0 without one.
+    """
+
+    model: str
+    values: Mapping[str, float]
+    output: str = OUTPUTS[0]
+    published_width: int = 0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", MappingProxyType(dict(self.values)))
+
+    def size(self, name: str, default: int) -> int:
+        """A number of pixels, or the default where it is not set."""
+        value = self.values[name]
+        return default if math.isnan(value) else int(value)
+
+
+def parse_camera(text: str, subject: str = "camera") -> CameraSpecification:
+    """The camera that a text names. subject: of the error messages.
+
+    Raises ValueError for an unknown model or option, a value out of bounds, and options that do not go together.
+    """
+    name, _, options = text.partition(":")
+    name = name.strip()
+    known = (*OPTIONS, *PUBLISHED)
+    if name not in known:
+        near = difflib.get_close_matches(name, known, 1, 0.6)
+        raise ValueError(f"{subject} is {name[:60]!r}{f' ({near[0]}?)' if near else ''}, needs one of {', '.join(known)}")
+    model, preset = PUBLISHED.get(name, (name, {}))
+    values = {option: default for option, (default, _, _) in OPTIONS[model].items()} | preset
+    own = _options(options, model, subject)
+    output = own.pop("output", OUTPUTS[0])
+    given = {option: _number(text, model, option, subject) for option, text in own.items()}
+    specification = CameraSpecification(model, values | given, output, int(preset.get("width", 0)))
+    _check(specification, frozenset(given), preset, subject)
+    return specification
+
+
+def _options(text: str, model: str, subject: str) -> dict[str, str]:
+    """Option → its text. Raises ValueError for unknown and repeated options."""
+    known = [*OPTIONS[model], *(["output"] if model == "dual-fisheye" else [])]
+    found = named_values(text, known, f"{subject} {model} has", f"NAME=VALUE of {', '.join(known) or 'no options'}")
+    if found.get("output", OUTPUTS[0]) not in OUTPUTS:
+        raise ValueError(f"{subject} {model} has output {found['output'][:40]!r}, needs one of {', '.join(OUTPUTS)}")
+    return found
+
+
+def _number(text: str, model: str, option: str, subject: str) -> float:
+    _, low, high = OPTIONS[model][option]
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not low <= value <= high or (option in WHOLE and value != int(value)):
+        kind = "an even whole number" if option in WHOLE else "a number"
+        why = " for stitching" if (model, option) == ("dual-fisheye", "fov") and value < low else ""
+        raise ValueError(f"{subject} {model} has {option} {text[:40]!r}, needs {kind} in [{low:g}, {high:g}] {_unit(option)}{why}".rstrip())
+    if option in WHOLE and value % 2:
+        raise ValueError(f"{subject} {model} has {option} {text[:40]}, needs an even whole number of px")
+    return value
+
+
+def _unit(option: str) -> str:
+    units = {"degrees": ("fov", "yaw", "pitch", "feather"), "m": ("baseline", "distance"), "px": (*WHOLE, "fx", "fy", "cx", "cy")}
+    return next((unit for unit, names in units.items() if option in names), "")
+
+
+def _check(specification: CameraSpecification, given: frozenset[str], preset: Mapping[str, float], subject: str) -> None:
+    """Raises ValueError for options that do not go together. given: those that the text has."""
+    values, model = specification.values, specification.model
+    if preset and model != "dual-fisheye" and given - {"width", *_AIM}:
+        raise ValueError(f"{subject} has a published calibration and {', '.join(sorted(given))}, needs none but width, {', '.join(_AIM)}")
+    if {"fx", "fov"} <= given or ("fy" in given and "fx" not in given):
+        raise ValueError(f"{subject} {model} has {', '.join(sorted(given))}, needs either fov, or fx with or without fy")
+    if model == "dual-fisheye":
+        widest = math.degrees(lens_angle(math.pi / 2 + math.radians(values["feather"] / 2), values["baseline"], values["distance"]))
+        widest *= max(1 + values["focal_error"] / 100, 1)
+        if widest > values["fov"] / 2 + 1e-9:
+            raise ValueError(
+                f"{subject} {model} has fov {values['fov']:g}, too narrow for feather {values['feather']:g}, baseline {values['baseline']:g}"
+                f" and distance {values['distance']:g}; needs at least {2 * widest:.4g} degrees"
+            )
+
+
+def lens_angle(angle: float, baseline: float, distance: float) -> float:
+    """Angle from a lens' axis, rad, of the point at `distance` m and `angle` rad from the axis, as seen from between the lenses."""
+    return float(np.arctan2(distance * math.sin(angle), distance * math.cos(angle) - baseline / 2))
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import OmitArgPrefixes, arg
 
-from sim.cli.options import Out, json_text, print_place
-from sim.cli.scenario_options import USUAL, BoxOptions, CameraSettings, SceneOptions, camera_given, given
+from sim.cli.options import USUAL, BoxOptions, CameraSettings, Out, SceneOptions, camera_given, given, json_text, print_place
 
 if TYPE_CHECKING:
     from sim.scenario import Scenario

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
-from sim.cli.options import Out, print_place, unset
-from sim.cli.scenario_options import (
+from sim.cli.options import (
     CameraSettings,
     DetectorSettings,
+    Out,
     ScenarioSettings,
     SceneOptions,
     SensorSettings,
@@ -19,6 +19,8 @@ from sim.cli.scenario_options import (
     camera_given,
     detector_given,
     given,
+    print_place,
+    unset,
 )
 
 if TYPE_CHECKING:
@@ -138,7 +140,7 @@ class Generate:
         print(f"{self.out}: {counted} (README.md in it); `pilsim check {self.out}` verifies what is there")
 
     def _cast(self) -> None:
-        from sim.datasets.generation_worker import SequenceTask
+        from sim.datasets.generation import SequenceTask
         from sim.recording.record import check_absent
         from tracker.sequence.writer import ImageForm
 
@@ -176,7 +178,7 @@ class Generate:
         return preset_of(self.preset, settings | changes)
 
     def _twin(self) -> None:
-        from sim.datasets.twin_generation import generate_twin
+        from sim.datasets.twin import generate_twin
         from sim.datasets.twin_sources import Twin
 
         own = {"frames", "robots", "width", "seed", "detector_model", "difficulty"}

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import OmitArgPrefixes, arg
 
-from sim.cli.options import DetectorModelName, command_line, json_text, locked, unset
-from sim.cli.scenario_options import USUAL, SceneOptions, given
+from sim.cli.options import USUAL, DetectorModelName, SceneOptions, command_line, given, json_text, locked, unset
 from tracker.options import Ending, Least
 
 if TYPE_CHECKING:

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
-from sim.cli.options import command_line, json_text, locked, unset
-from sim.cli.scenario_options import SceneOptions, Whole, given
+from sim.cli.options import SceneOptions, Whole, command_line, given, json_text, locked, unset
 from sim.cli.stress import TrackerOptions
 from sim.cli.track import SourceChoice
 from tracker.options import Ending, Least
@@ -105,8 +104,7 @@ class Predict:
         return command_line(self, ("out", "json", "workers"), repeated=("detections",))
 
     def _plan(self) -> PredictionPlan:
-        from sim.prediction.halves import parse_frames
-        from sim.prediction.predict import FITTED, PredictionPlan
+        from sim.prediction.predict import FITTED, PredictionPlan, parse_frames
         from tracker.detector_models.model import INDEPENDENT, chosen_model
 
         if self.fit and self.detector_model:
@@ -128,7 +126,7 @@ class Predict:
     def _place(self) -> Preset | None:
         """The place, its people, cameras and robots; None for a recording. Raises ValueError where it is not one of both."""
         from sim.datasets.presets import preset_of
-        from sim.prediction.halves import parse_frames
+        from sim.prediction.predict import parse_frames
 
         changes = given(self.scene) | ({} if self.fixed_cameras is None else {"views": self.fixed_cameras})
         if (self.source is None) == (self.scene.world is None) or (self.source is not None and changes):

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import OmitArgPrefixes, UseAppendAction, arg
 
-from sim.cli.options import changed_options, command_line, json_text, unset
-from sim.cli.scenario_options import USUAL, BoxOptions, SceneOptions, given
+from sim.cli.options import USUAL, BoxOptions, SceneOptions, changed_options, command_line, given, json_text, unset
 from tracker.options import OPTIONS, FilterOptions, Least, PeopleOptions, parameters_from
 
 if TYPE_CHECKING:

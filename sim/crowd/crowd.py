@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.crowd.behavior import BehaviorState, StepInput, update_behavior
-from sim.crowd.goals import GoalPlans
-from sim.crowd.postures import Postures
+from sim.crowd.goals import GoalPlans, Postures
 from sim.crowd.social_force import GOAL, HEADING, PAUSE, PRESENT, STUCK, VISIT, VX, SteeringGrid, X, advance, desired_motion, interactions
 from sim.pedestrian.gait import Terrain
 from tracker.geometry import Array, frozen

@@ -16,9 +16,8 @@ from scipy.optimize import linear_sum_assignment
 
 from sim.placement.config import FRAMES_PER_DECISION, SEEDS_PER_MAP, PlacementConfig
 from sim.placement.information import Views, add_information, detector_of, move_robots
-from sim.placement.kinematics import camera_kernel, energy
 from sim.placement.map import MapKey, PlacementMap, bilinear_at, map_of
-from sim.placement.movers import KinematicMover, Mover, Order, PhysicsMover, advance_rows, ways_of
+from sim.placement.movers import KinematicMover, Mover, Order, PhysicsMover, advance_rows, camera_kernel, energy, ways_of
 from sim.placement.states import COLLISIONS, ENERGY, INFORMATION, SEEN, SEEN_TWICE, TERMS, TIP_OVERS, TRAIL_LENGTH, Beliefs, States, predict, update
 from sim.placement.tracker_in_loop import TrackerInLoop
 from sim.placement.visibility import share_kernel
@@ -45,7 +44,7 @@ class Decision:
     """The situation after a decision.
 
     team (r, 7): rover states, in the columns of config.py. people (p, 4): feet x, y, z m and stature m. cameras (r, 3): positions, m.
-    seen (r, p): shares of bodies seen. stopped (r,): what stopped a robot in the last decision, as in kinematics.drive.
+    seen (r, p): shares of bodies seen. stopped (r,): what stopped a robot in the last decision, as in movers.drive_step.
     tipped (r,): whether a robot has tipped over.
     """
 

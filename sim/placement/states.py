@@ -53,7 +53,7 @@ class States(NamedTuple):
     team, before (n, r, 7): rovers now and at the last decision, in the columns of config.py. body (n, p, 10): people, as in social_force.py.
     time (n,) s. known (n, p), mean (n, p, 4), covariance (n, p, 4, 4): beliefs. bounds (n, p, 4, 4), robot_bounds (n, r, 3, 3): information.py.
     time_unseen (n, p): since each person was last seen, s. people (n, p, 4): feet x, y, z m and stature m. cameras (n, r, 3): positions, m.
-    seen (n, r, p): shares of bodies seen. stopped (n, r): what stopped a robot in the last decision, as in kinematics.drive_step.
+    seen (n, r, p): shares of bodies seen. stopped (n, r): what stopped a robot in the last decision, as in movers.drive_step.
     tipped, tipping (n, r): whether a robot had tipped over when it last looked, and has now.
     added (n, r): what each robot adds to the information about a person, nats. terms (n, 7): of the last decision, in the columns of TERMS.
     noise (n, r, p, 2), luck (n, r, p): random numbers of the next views, normal and uniform.

@@ -18,9 +18,8 @@ from sim.parallel.pool import Pool
 from sim.placement.config import SEEDS_PER_MAP, TRAVELLED
 from sim.placement.episode import Episode
 from sim.placement.states import TERMS
-from sim.policies.baselines import Lloyd, Random, Static
 from sim.policies.planning import Greedy, Predictive
-from sim.policies.policy import Policy, TeamKnowledge
+from sim.policies.policy import Lloyd, Policy, Random, Static, TeamKnowledge
 from tracker.io.atomic import new_file
 
 BUILT_IN_POLICIES: dict[str, Callable[[], Policy]] = {"random": Random, "static": Static, "lloyd": Lloyd, "greedy": Greedy, "predictive": Predictive}

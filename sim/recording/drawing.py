@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.cameras.partial import PartialCamera
-from sim.effects.image_effects import averaged
+from sim.effects import averaged
 from sim.recording.shots import Moment, MountedRig, PartShot, ShotPlan, ShutterPart
 from sim.rendering.coverage import UnoccludedExtent
 from sim.rendering.draw_list import classes

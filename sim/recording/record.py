@@ -16,12 +16,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from sim.recording.colours import CameraColours, effect_rows
 from sim.recording.drawing import Drawn, DrawnScene, MomentRenderer
 from sim.recording.drawing_workers import DrawingWorkers, draw_on_cluster, drawing_workers
 from sim.recording.frame_journal import FrameJournal
 from sim.recording.frames import Frame, FrameAssembler, FrameState, simulated_frames
-from sim.recording.shots import Moment, ShotPlan
+from sim.recording.shots import CameraColours, Moment, ShotPlan, effect_rows
 from sim.recording.tracker_setup import FixedCamera, cameras_of, make_setup, told_setup
 from sim.scenario import Scenario
 from sim.sensors.robot_sensors import RobotSensors

@@ -14,8 +14,7 @@ from sim.confidence_intervals import Interval
 from sim.placement.plan_view import draw_plan
 from sim.policies.rollouts import MEASURES_SHOWN, TITLES, EpisodeResult, differences, play, short_name, table
 from sim.report.findings import plural
-from sim.report.page import PageMoment, PageTable, render
-from sim.report.pictures import video
+from sim.report.page import PageMoment, PageTable, render, video
 from tracker.io.atomic import write_text
 
 PAGE = "index.html"

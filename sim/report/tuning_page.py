@@ -17,8 +17,7 @@ import numpy as np
 
 from sim.confidence_intervals import Interval, mean_interval
 from sim.report.findings import plural
-from sim.report.page import PageFigure, PageMoment, PageSweep, PageTable, render
-from sim.report.pictures import Picture, jpeg
+from sim.report.page import PageFigure, PageMoment, PageSweep, PageTable, Picture, jpeg, render
 from sim.report.plots import Bars, Line, Plot, save
 from sim.tuning.case_file import PopulationCase
 from sim.tuning.search import SearchPlan

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.crowd.crowd import Crowd, CrowdState, PedestrianModel
-from sim.crowd.goals import Schedule, make_plans, order_by_group
-from sim.crowd.postures import drawn_postures
+from sim.crowd.goals import Schedule, drawn_postures, make_plans, order_by_group
 from sim.robots import rover
 from sim.robots.driving import Pilot
 from sim.scenario import Scenario

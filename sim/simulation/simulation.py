@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sim.crowd.crowd import Crowd, CrowdState, Obstacles, PedestrianModel
-from sim.crowd.postures import Postures
+from sim.crowd.goals import Postures
 from sim.crowd.replay import Paths, Replay
 from sim.pedestrian import clothing, clothing_textures, gait, skeleton
 from sim.pedestrian.skeleton import sitting_poses, with_sitters

@@ -13,12 +13,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sim.tuning.cameras import rover_camera, rover_poses
 from sim.tuning.case_file import PopulationCase, case_path, read_case, rows_of, true_robot, write_case
 from sim.tuning.detectors import BODY_WIDTH, CameraErrors, DrawnDetector, drawn_detector
-from sim.tuning.kinds import BLOCK, CaseScene, scene
-from sim.tuning.places import Surroundings, reached
-from sim.tuning.walks import STEPS, Walkers, Walks, walks
+from sim.tuning.kinds import BLOCK, CaseScene, rover_camera, rover_poses, scene
+from sim.tuning.walks import STEPS, Surroundings, Walkers, Walks, reached, walks
 from tracker.detector_models.bodies import Place, TrueBodies, bodies_in_view
 from tracker.detector_models.sampler import ViewSampler
 from tracker.geometry import Array, Ints, Pose

@@ -8,13 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from sim.prediction.halves import fit_views
+from sim.prediction.predict import fit_views
 from sim.tuning.case_file import PopulationCase
 from sim.tuning.detectors import DrawnDetector
 from sim.tuning.kinds import CaseScene
-from sim.tuning.places import floor
 from sim.tuning.population import PopulationKey, case_of, kept_case
-from sim.tuning.walks import Habits
+from sim.tuning.walks import Habits, floor
 from tracker.detector_models.fitting import Source
 from tracker.detector_models.model import DetectorModel
 from tracker.detector_models.observations import true_people

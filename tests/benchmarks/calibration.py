@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sim.tuning.cameras import corner_cameras, mast_cameras
-from sim.tuning.places import floor, furniture
+from sim.tuning.kinds import corner_cameras, mast_cameras
 from sim.tuning.population import STATURE, STATURES
-from sim.tuning.walks import STEPS, Habits, Walkers, walks
+from sim.tuning.walks import STEPS, Habits, Walkers, floor, furniture, walks
 from tracker.calibration import Calibration, calibrate
 from tracker.calibration.body import FOCAL, HEIGHT, OFFSET, PITCH, ROLL, YAW, X, Y, angles_of
 from tracker.detector_models.model import named_model

@@ -18,8 +18,7 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import kendalltau, spearmanr
 
-from sim.prediction.halves import fit_views, open_halves, twin
-from sim.prediction.predict import FITTED, PredictionPlan, predict
+from sim.prediction.predict import FITTED, PredictionPlan, fit_views, open_halves, predict, twin
 from sim.prediction.prediction import Prediction
 from sim.stress.tracker_under_test import TrackerUnderTest
 from tests.conftest import DATA

@@ -15,10 +15,10 @@ from tempfile import TemporaryDirectory
 
 from sim.datasets.presets import preset_of, read_settings
 from sim.policies.training import Curve
-from sim.report.pictures import album_of
+from sim.report.findings import headline, moments, summary
+from sim.report.page import album_of
 from sim.report.rows import read_rows
 from sim.report.series import overview, plots_of
-from sim.report.summary import headline, moments, summary
 from sim.stress.runner import _read_rows
 from sim.studies.hypothesis_count import Cell
 from sim.studies.study_cells import read_cells

@@ -10,7 +10,7 @@ import numpy as np
 
 from worlds.engine import mujoco
 from worlds.props.meshes import PERIOD
-from worlds.scenes import campus_plan as plan
+from worlds.scenes import campus_objects as plan
 from worlds.scenes.campus_objects import CampusSite, Colour, buildings, furniture, posts, ramp, surroundings, trees
 from worlds.terrain.free_space import spawn_areas, walkers_spaces
 from worlds.terrain.heightfield import Array, Heightfield, Mask

@@ -1,4 +1,7 @@
-"""Objects of the campus: buildings, cars, benches, lamps, trees and hedges."""
+"""Plan and objects of the campus: buildings, cars, benches, lamps, trees and hedges.
+
+The plan is in the world frame of PETS 2009 (Ferryman and Shahrokni 2009), read off the view of camera View_001.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +10,65 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial import ConvexHull
 
 from worlds.engine import mujoco
 from worlds.props.meshes import PERIOD, hull, tilted, wedge
 from worlds.props.shapes import Shape
-from worlds.scenes import campus_plan as plan
 from worlds.terrain.heightfield import Array, Heightfield, Mask
 from worlds.terrain.polygons import covered, rectangle, signed_distance, turned
 
+EXTENT = np.array([[-31.0, -29.0], [21.0, 21.0]])
+WALKED = np.array([(-19.9, -10.9), (-17.1, -16.3), (-13.0, -15.5), (-7.1, -13.9), (7.0, -8.9), (6.8, -8.2), (-5.6, 8.5), (-6.0, 8.5), (-10.0, 3.6)])
+"""m: around all feet of the complete annotations of S1.L1 and S2.L1."""
+CAMERAS = np.array(
+    [(-28.94, -19.53), (-3.70, -24.28), (-34.27, -37.5), (26.1, 75.64), (-14.64, -1.67), (-15.86, -12.99), (-2.78, -16.58), (-0.17, -3.53)]
+)
+"""m: where the cameras View_001 to View_008 stand."""
+ROAD = np.array(
+    [
+        (-17.2, -29), (-8.6, -29), (-7.0, -17), (-5.9, -13.9), (-2.8, -12.3), (0.3, -10.7), (3.4, -10.2), (21, -10.2), (21, -5.0), (-0.6, -5.2),
+        (-2.5, -4.8), (-3.6, -3.8), (-4.3, -2.1), (-5.2, 3.0), (-5.1, 21), (-10.4, 21), (-10.0, 4.2), (-10.1, -2.4), (-11.1, -7.0), (-12.3, -9.8),
+        (-13.8, -13.8),
+    ]
+)  # fmt: skip
+CAR_PARK = np.array([(-5.3, 0.8), (1.8, 0.8), (1.8, 11.5), (-5.2, 11.5)])
+BUILDING = np.array([(12.6, -2.6), (20.4, -2.6), (20.4, 8.6), (12.6, 8.6)])
+HUT = np.array([(14.0, -20.0), (19.0, -20.0), (19.0, -15.5), (14.0, -15.5)])
+LAMPS = np.array([(-13.7, -10.6), (-3.3, 14.0), (9.5, -3.8), (-20.0, 13.0)])
+BOULDERS = np.array([(-10.7, -1.3), (4.0, -11.6), (7.5, -11.4), (10.5, -11.5), (-2.2, -13.6)])
+BENCHES = np.array([(-16.5, 6.0), (10.7, -1.3), (-23.0, 2.0), (11.7, 7.0)])
+CARS = np.array([(16.0, -4.2), (17.5, -11.2), (-2.8, 9.2), (-0.2, 9.2)])
+"""m: the first two are parked along the road and in nobody's sight."""
+KERB_RAMPS = np.array(
+    [(-10.2, 8.0), (-10.4, -4.0), (-13.2, -12.0), (-3.9, -3.2), (3.0, -5.1), (11.0, -5.1), (-4.4, -13.2), (8.0, -10.3), (-7.6, -21.0)]
+)
+"""m: where kerbs are lowered for wheels."""
 Colour = tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Sights:
+    """What lies between the cameras and where people walk: convex polygons, one a camera."""
+
+    polygons: tuple[Array, ...]
+
+    @staticmethod
+    def of_cameras() -> Sights:
+        hulls = []
+        for camera in CAMERAS:
+            points = np.concatenate([WALKED, camera[None]])
+            hulls.append(points[ConvexHull(points).vertices])
+        return Sights(tuple(hulls))
+
+    def distance(self, points: Array) -> Array:
+        """Points (..., 2) m → (...) m to the nearest line of sight; negative among them."""
+        return np.minimum.reduce([signed_distance(points, polygon) for polygon in self.polygons])
+
+
+def kept_clear(points: Array) -> Array:
+    """Points (..., 2) m → (...) m to the nearest road, car park or building; negative on it."""
+    return np.minimum.reduce([signed_distance(points, polygon) for polygon in (ROAD, CAR_PARK, BUILDING, HUT)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +100,7 @@ class CampusSite:
 
 def buildings(site: CampusSite) -> None:
     """Brick with rows of windows and a flat roof; and a hut."""
-    for k, (corners, top) in enumerate(((plan.BUILDING, 6.6), (plan.HUT, 3.0))):
+    for k, (corners, top) in enumerate(((BUILDING, 6.6), (HUT, 3.0))):
         low, high = corners.min(axis=0), corners.max(axis=0)
         middle, size = (low + high) / 2, high - low
         corner = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (0, 1)]) * [*size, top + 0.6] - [0, 0, 0.6]
@@ -79,12 +132,12 @@ def _windows(site: CampusSite, what: tuple[str, bool], along: tuple[float, float
 
 def furniture(rng: np.random.Generator, site: CampusSite, difficulty: float) -> None:
     """Stones at the kerbs, benches, cars in the car park; all where nobody of PETS walks."""
-    for k, place in enumerate(plan.BOULDERS):
+    for k, place in enumerate(BOULDERS):
         shape = hull([(x * rng.uniform(0.16, 0.24), y * rng.uniform(0.16, 0.24), z) for x in (-1, 1) for y in (-1, 1) for z in (-0.3, 0.2)]
                      + [(0.05, 0.0, rng.uniform(0.34, 0.45))], rng.uniform(0, PERIOD, 2))  # fmt: skip
         site.stand(shape, f"rock{k}", "stone", (place, 0.0, rng.uniform(-np.pi, np.pi)))
         site.block(rectangle(place, (0.45, 0.45)))
-    for k, place in enumerate(plan.BENCHES):
+    for k, place in enumerate(BENCHES):
         z = site.low(place)
         x, y = place
         for part, (low, high) in enumerate((((-0.8, -0.2, 0.40), (0.8, 0.2, 0.46)), ((-0.8, 0.18, 0.55), (0.8, 0.23, 0.85)))):
@@ -93,7 +146,7 @@ def furniture(rng: np.random.Generator, site: CampusSite, difficulty: float) -> 
         for part, left in enumerate((-0.7, 0.62)):
             site.box(f"bench{k}-leg{part}", (x + left, y - 0.18, z - 0.1), (x + left + 0.08, y + 0.22, z + 0.85), (0.25, 0.25, 0.27))
         site.block(rectangle(place, (1.7, 0.55)))
-    for k, place in enumerate(plan.CARS if difficulty else plan.CARS[:2]):
+    for k, place in enumerate(CARS if difficulty else CARS[:2]):
         colour = ((0.75, 0.76, 0.78), (0.30, 0.42, 0.55), (0.86, 0.86, 0.84))[k % 3]
         _car(site, f"car{k}", place, (colour, 0.0 if k < 2 else np.pi / 2))
 
@@ -126,15 +179,15 @@ def ramp(rng: np.random.Generator, site: CampusSite, difficulty: float) -> list[
 
 def _free_spots(rng: np.random.Generator, site: CampusSite, difficulty: float, gap: float) -> Callable[[], Array]:
     """A source of places (2,) m at least `gap` m off roads and buildings, at difficulty 0 also off all lines of sight to where people walk."""
-    low, high = plan.EXTENT + np.array([[2.0], [-2.0]])
+    low, high = EXTENT + np.array([[2.0], [-2.0]])
     spots = rng.uniform(low, high, (600, 2))
-    fit = plan.kept_clear(spots) > gap
+    fit = kept_clear(spots) > gap
     fit &= signed_distance(spots, rectangle((10.7, 2.0), (6.5, 4.5))) > 0
-    fit &= np.min(np.linalg.norm(spots[:, None] - np.concatenate([plan.CAMERAS, plan.BENCHES]), axis=-1), axis=1) > 2.0
+    fit &= np.min(np.linalg.norm(spots[:, None] - np.concatenate([CAMERAS, BENCHES]), axis=-1), axis=1) > 2.0
     if difficulty == 0:
-        fit &= plan.Sights.of_cameras().distance(spots) > 3.0
+        fit &= Sights.of_cameras().distance(spots) > 3.0
     else:
-        fit &= signed_distance(spots, plan.WALKED) > -2.0 - 8.0 * difficulty
+        fit &= signed_distance(spots, WALKED) > -2.0 - 8.0 * difficulty
     left = spots[fit].tolist()
 
     def spot() -> Array:
@@ -173,19 +226,19 @@ def trees(rng: np.random.Generator, site: CampusSite, difficulty: float) -> None
 
 def surroundings(rng: np.random.Generator, site: CampusSite) -> None:
     """A low hedge around the lawns, open where roads leave, and tall trees far behind it, none of them before a camera."""
-    low, high = plan.EXTENT
+    low, high = EXTENT
     corners = [low + 0.5, np.array([high[0] - 0.5, low[1] + 0.5]), high - 0.5, np.array([low[0] + 0.5, high[1] - 0.5])]
     number = 0
     for a, b in zip(corners, corners[1:] + corners[:1], strict=True):
         pieces = round(float(np.hypot(*(b - a))) / 3.0)
         for middle in a + (np.arange(pieces)[:, None] + 0.5) / pieces * (b - a):
-            if signed_distance(middle, plan.ROAD) < 2.0:
+            if signed_distance(middle, ROAD) < 2.0:
                 continue
             points = [(x, y * rng.uniform(0.8, 1.0), z * rng.uniform(0.93, 1.03)) for x in (-1.6, 0, 1.6) for y in (-0.4, 0.4) for z in (-0.5, 1.0)]
             yaw = float(np.arctan2(*(b - a)[::-1]))
             hull(points, rng.uniform(0, PERIOD, 2)).add_to(site.spec, f"hedge{number}", "leaves", [*middle, 0.0], yaw)
             number += 1
-    centre, sights = (low + high) / 2, plan.Sights.of_cameras()
+    centre, sights = (low + high) / 2, Sights.of_cameras()
     for k, angle in enumerate(np.linspace(0, 2 * np.pi, 26, endpoint=False)):
         place = centre + turned([rng.uniform(42, 60), 0.0], angle + rng.uniform(-0.1, 0.1))
         if float(sights.distance(place)) < 6:
@@ -201,8 +254,8 @@ def posts(rng: np.random.Generator, site: CampusSite, difficulty: float) -> None
     """Street lamps and, with difficulty, more posts with signs."""
     spot = _free_spots(rng, site, difficulty, 0.35)
     signs = [spot() for _ in range(round(9 * difficulty))]
-    for k, place in enumerate([*plan.LAMPS, *(p for p in signs if not np.isnan(p).any())]):
-        z, lamp = site.low(place), k < len(plan.LAMPS)
+    for k, place in enumerate([*LAMPS, *(p for p in signs if not np.isnan(p).any())]):
+        z, lamp = site.low(place), k < len(LAMPS)
         top, radius = (5.6, 0.07) if lamp else (2.6, 0.045)
         pole = site.spec.worldbody.add_geom(
             name=f"pole{k}", type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[radius, (top + 0.3) / 2, 0], pos=[*place, z + (top - 0.3) / 2], group=1

@@ -15,8 +15,7 @@ from scipy import ndimage
 
 from worlds.engine import mujoco
 from worlds.props import furniture
-from worlds.props.furniture import Piece
-from worlds.props.furniture_layout import Furnishing
+from worlds.props.furniture import Furnishing, Piece
 from worlds.props.rooms import add_walls
 from worlds.terrain.free_space import FreeSpace, spawn_areas, walkers_spaces
 from worlds.terrain.heightfield import Array, Heightfield, Mask

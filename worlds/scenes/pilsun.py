@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike
 
 from worlds.engine import mujoco
 from worlds.props import furniture
-from worlds.props.furniture import Piece
-from worlds.props.furniture_layout import Furnishing, Place
+from worlds.props.furniture import Furnishing, Piece, Place
 from worlds.props.rooms import add_beam, add_frame, add_partition, add_walls
 from worlds.terrain.free_space import walkers_spaces
 from worlds.terrain.heightfield import Array, Heightfield

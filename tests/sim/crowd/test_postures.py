@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from sim.crowd.crowd import Crowd, Obstacles
-from sim.crowd.goals import GoalPlans, make_plans
-from sim.crowd.postures import SIZES, SPACING, Postures, drawn_postures
+from sim.crowd.goals import SIZES, SPACING, GoalPlans, Postures, drawn_postures, make_plans
 from sim.crowd.social_force import BODY_RADIUS
 from tests.sim.crowd.test_crowd import DT, distances, field, history
 from tracker.geometry import wrap

@@ -13,13 +13,12 @@ import cv2
 import numpy as np
 import pytest
 
+from sim.cli.options import SceneOptions
 from sim.cli.place import Place
-from sim.cli.scenario_options import SceneOptions
 from sim.placement.config import PlacementConfig
 from sim.placement.map import MapKey, map_of
-from sim.policies.baselines import best_ring
 from sim.policies.planning import PeopleAhead, information_from, team_values
-from sim.policies.policy import TeamKnowledge
+from sim.policies.policy import TeamKnowledge, best_ring
 from sim.policies.rollouts import EpisodeResult, compare, differences, draw, policy_of, run_episodes, table, text
 
 OPTIONS = {"world": "pilsun", "people": 6, "robots": 3}

@@ -5,8 +5,8 @@ import pytest
 
 from sim.placement.config import PlacementConfig
 from sim.placement.map import MapKey, map_of
-from sim.policies.baselines import best_ring
 from sim.policies.driven_simulation import LEAD_TIME, PolicySimulation
+from sim.policies.policy import best_ring
 from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
 

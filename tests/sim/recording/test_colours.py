@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim.recording.colours import TIME_CONSTANT, Exposure
+from sim.recording.shots import TIME_CONSTANT, Exposure
 
 GREY = np.full((32, 64, 3), 100, np.uint8)
 

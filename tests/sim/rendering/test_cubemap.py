@@ -5,8 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from sim.rendering.cubemap import CUBE, FaceTable
-from sim.rendering.face_atlas import Atlas, inverse_depth
+from sim.rendering.cubemap import CUBE, Atlas, FaceTable, inverse_depth
 from tests.sim.rays import bearings
 from tracker.geometry.cameras import Camera, Cylinder, Fisheye, Panorama, Pinhole, Tsai
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim.rendering.face_atlas import Atlas, inverse_depth, values_and_ranges
+from sim.rendering.cubemap import Atlas, inverse_depth, values_and_ranges
 
 LIMITS = (0.02, 100.0)
 

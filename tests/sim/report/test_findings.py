@@ -6,9 +6,24 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.report.findings import CAUSES, at, breaking, change, finding, findings, listed, owner, predicted, reasons, robots, spread
+from sim.report.findings import (
+    CAUSES,
+    at,
+    breaking,
+    change,
+    finding,
+    findings,
+    headline,
+    listed,
+    moments,
+    owner,
+    predicted,
+    reasons,
+    robots,
+    spread,
+    summary,
+)
 from sim.report.rows import Rows, read_rows
-from sim.report.summary import headline, moments, summary
 from sim.stress.error_causes import CAUSES as COUNTED
 from tests.sim import stress_rows
 

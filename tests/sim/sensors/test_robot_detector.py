@@ -15,7 +15,7 @@ from sim.recording.tracker_setup import make_setup
 from sim.scenario import Scenario
 from sim.sensors.raycast_camera import RobotDetector
 from sim.simulation.simulation import Simulation
-from sim.stress.faults import Faults
+from sim.stress.sweeps import Faults
 from tests.sim.yard import yard
 from tracker.datasets.validation import validate
 from tracker.sequence.reader import read_sequence

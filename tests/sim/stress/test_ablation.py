@@ -8,8 +8,7 @@ import pytest
 
 from sim.scenario import Scenario
 from sim.stress.ablation import STAGES, ablate, shapley, track_with_true_association, with_true_stages
-from sim.stress.faults import Faults
-from sim.stress.sweeps import Case
+from sim.stress.sweeps import Case, Faults
 from sim.stress.tracker_under_test import TrackerUnderTest
 from sim.stress.trial_data import TrialData, simulate_case
 from tracker.pipeline import Parameters

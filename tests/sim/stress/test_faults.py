@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.stress.faults import Faults
+from sim.stress.sweeps import Faults
 from tests.tracker.walled_room import Room, simulate
 from tracker.geometry import Pose
 from tracker.geometry.ground import Flat, Grid

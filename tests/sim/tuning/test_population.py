@@ -14,10 +14,9 @@ import pytest
 from sim.tuning.case_file import VERSION, PopulationCase, read_case, write_case
 from sim.tuning.detectors import SCALES, ConfidenceScale
 from sim.tuning.kinds import BLOCK, scene
-from sim.tuning.places import floor, reached
 from sim.tuning.population import PopulationKey, case_of, kind_of, population
 from sim.tuning.scoring import evaluate
-from sim.tuning.walks import LEAST_SPACING, Habits, Walkers, walks
+from sim.tuning.walks import LEAST_SPACING, Habits, Walkers, floor, reached, walks
 from tracker.geometry.ground import Grid
 from tracker.types import Estimate, Setup, Tick
 

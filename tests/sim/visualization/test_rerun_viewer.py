@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from sim.visualization.rerun_scene import FRUSTUM, SIGMAS, ellipsoid, lines_of_sight, mesh
-from sim.visualization.rerun_viewer import show
+from sim.visualization.rerun_viewer import FRUSTUM, SIGMAS, ellipsoid, lines_of_sight, mesh, show
 from tests.tracker import sequences
 from tests.tracker.formats import small_sources
 from tracker.geometry import Pose, rotation_from_quaternion, rotation_z

@@ -10,8 +10,7 @@ import pytest
 from scipy import ndimage
 
 from worlds.props import furniture
-from worlds.props.furniture import Piece
-from worlds.props.furniture_layout import GAP, Furnishing
+from worlds.props.furniture import GAP, Furnishing, Piece
 from worlds.props.shapes import Shape, box, column, prism
 from worlds.terrain.heightfield import Heightfield
 from worlds.terrain.polygons import rectangle, signed_distance

@@ -14,7 +14,7 @@ from tracker.formats import pets2009
 from tracker.geometry.ground import Flat
 from tracker.io import tsai_xml
 from worlds import catalogue
-from worlds.scenes import campus_plan
+from worlds.scenes import campus_objects
 from worlds.terrain.heightfield import Array
 from worlds.world import World
 
@@ -62,7 +62,7 @@ def test_without_difficulty_the_cameras_see_whom_they_saw(feet: Array, data: Dat
     for view in range(1, 9):
         _, camera, T_world_camera = tsai_xml.read_camera(data("pets2009", "calibration", f"View_{view:03d}.xml"))
         eye = T_world_camera.translation
-        assert np.linalg.norm(campus_plan.CAMERAS[view - 1] - eye[:2]) < 0.02
+        assert np.linalg.norm(campus_objects.CAMERAS[view - 1] - eye[:2]) < 0.02
         bodies = np.concatenate([np.column_stack([feet[::40], np.full(len(feet[::40]), z)]) for z in (0.1, 1.7)])
         way = bodies - eye
         length = np.linalg.norm(way, axis=1)
@@ -77,7 +77,7 @@ def test_without_difficulty_the_cameras_see_whom_they_saw(feet: Array, data: Dat
 def test_with_difficulty_there_are_kerbs_to_step_up_and_ramps_to_roll_up() -> None:
     world = campus(0.6)
     # From the road onto the lawns west and south of it.
-    nodes = world.ground.nodes[(world.wheels.clearance > 0.3) & (campus_plan.kept_clear(world.ground.nodes) > 2)]
+    nodes = world.ground.nodes[(world.wheels.clearance > 0.3) & (campus_objects.kept_clear(world.ground.nodes) > 2)]
     for lawn in (nodes[nodes[:, 0] < -15], nodes[(nodes[:, 0] > 0) & (nodes[:, 1] < -12)]):
         assert len(world.wheels.route((-8.0, -3.0), lawn[len(lawn) // 2])) >= 2
     kerb = world.ground.height_at([(-10.6, 1.5), (-9.4, 1.5)])

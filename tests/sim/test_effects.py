@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from sim.effects import ImageEffects, parse_effects
-from sim.effects.image_effects import (
+from sim.effects import (
     FULL_WELL,
     READ_NOISE,
+    ImageEffects,
     OpticalField,
     averaged,
     chromatic_shift,
@@ -15,6 +15,7 @@ from sim.effects.image_effects import (
     gain_noise,
     halos,
     linear_light,
+    parse_effects,
     vignette,
 )
 from tracker.geometry.cameras import Fisheye, Panorama, Pinhole
