@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from sim.policies.learned import KIND, PEOPLE_FEATURES, needed
+from sim.policies.learned import KIND, needed
+from sim.policies.planning import PEOPLE_FEATURES
 from sim.policies.waypoints import CHOICES, FEATURES, HOLD
 from tracker.io.atomic import finish_folder, is_free, new_file, partial_path, unfinished_path, write_text
 from tracker.io.csv_tables import read_table

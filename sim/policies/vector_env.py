@@ -20,7 +20,7 @@ from torch import nn
 
 from sim.placement.env import Placement
 from sim.placement.episode import Episode, Reward, reward_of
-from sim.policies.learned import PEOPLE_FEATURES, ChoiceFeatures
+from sim.policies.planning import PEOPLE_FEATURES, ChoiceFeatures
 from sim.policies.policy import TeamKnowledge, waypoint_action
 from sim.policies.waypoints import CHOICES, FEATURES, HOLD
 from tracker.geometry import Array

@@ -1,4 +1,4 @@
-"""What is rendered in each frame: shots of all cameras at the times of their rows, the state of the scene, and the images that cameras hand on.
+"""What is rendered in each frame: shots of all cameras at the times of their rows, and the state of the scene. What cameras make of it.
 
 The time of a frame is the end of its last row's exposure, since the simulation knows the past alone. A row's truth, instances and range, is that of
 the middle of its exposure. Rows within a physics step are rendered together, at the time of their middle row.
