@@ -3,7 +3,7 @@
 Both share the reward of the environment (sim.placement.information). People are predicted. Each robot in turn chooses the goal with the most
 expected information of the team. Predictive control follows Mayne et al. 2000, Constrained model predictive control: stability and optimality.
 Of the best way, the first decision alone is taken, and the next decision plans anew.
-The features of people for a learned policy say what a choice of a robot tells of each person, for any number of people and robots.
+Features of people for a learned policy say what a choice of a robot tells of each person.
 """
 
 from __future__ import annotations
