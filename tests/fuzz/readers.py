@@ -20,8 +20,7 @@ from sim.report.page import album_of
 from sim.report.rows import read_rows
 from sim.report.series import overview, plots_of
 from sim.stress.runner import _read_rows
-from sim.studies.hypothesis_count import Cell
-from sim.studies.study_cells import read_cells
+from sim.studies import STUDIES
 from tests.fuzz import samples
 from tracker.clique.dimacs import read_graph
 from tracker.datasets.validation import validate
@@ -245,7 +244,7 @@ FILES = (
     _single("JPEG", "a.jpg", samples.image, _image, "binary"),
     _single("PNG", "a.png", samples.image, _image, "binary"),
     _single("PNG of 16 bits", "instances.png", samples.image, _image, "binary"),
-    _single("study cells", "cells.csv", samples.cells, lambda file: read_cells(file, Cell), "lines"),
+    _single("study cells", "cells.csv", samples.cells, STUDIES["fig4"].read, "lines"),
     _single("learning curve", "curve.csv", samples.curve, lambda file: Curve.read(file, 100), "lines"),
 )
 READERS: dict[str, Reader] = {reader.name: reader for reader in (*FILES, *FOLDERS)}
