@@ -178,8 +178,7 @@ class Generate:
         return preset_of(self.preset, settings | changes)
 
     def _twin(self) -> None:
-        from sim.datasets.twin import generate_twin
-        from sim.datasets.twin_sources import Twin
+        from sim.datasets.twin import Twin, generate_twin
 
         own = {"frames", "robots", "width", "seed", "detector_model", "difficulty"}
         changes = self._given()

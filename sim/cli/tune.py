@@ -108,7 +108,7 @@ class Tune:
         defaults = function_defaults(load_tracker(self.tracker), space, str(path)) if self.tracker else own_defaults(space, str(path))
         user = None
         if self.source is not None:
-            from sim.tuning.user_cameras import open_cameras
+            from sim.tuning.population import open_cameras
             from tracker.formats.source_options import SourceOptions
 
             part = SourceOptions.parse(self.part.detections, "", 0, self.part.cameras, self.part.frames)

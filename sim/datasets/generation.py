@@ -19,7 +19,7 @@ from sim.datasets.fixed_cameras import corner_cameras, place_cameras
 from sim.datasets.presets import Preset, confine, provenance
 from sim.datasets.raycast_recording import write_raycast_recording
 from sim.parallel.pool import Pool, cluster, drawing_alone, usable_cores
-from sim.recording.drawing_workers import DrawingWorkers, drawing_workers
+from sim.recording.drawing import DrawingWorkers, drawing_workers
 from sim.recording.frame_journal import NAME as JOURNAL
 from sim.recording.record import SimulatedSequence, write_sequence
 from sim.recording.tracker_setup import cameras_of

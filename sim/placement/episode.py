@@ -15,10 +15,26 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from sim.placement.config import FRAMES_PER_DECISION, SEEDS_PER_MAP, PlacementConfig
-from sim.placement.information import Views, add_information, detector_of, move_robots
+from sim.placement.information import (
+    COLLISIONS,
+    ENERGY,
+    INFORMATION,
+    SEEN,
+    SEEN_TWICE,
+    TERMS,
+    TIP_OVERS,
+    TRAIL_LENGTH,
+    Beliefs,
+    States,
+    Views,
+    add_information,
+    detector_of,
+    move_robots,
+    predict,
+    update,
+)
 from sim.placement.map import MapKey, PlacementMap, bilinear_at, map_of
 from sim.placement.movers import KinematicMover, Mover, Order, PhysicsMover, advance_rows, camera_kernel, energy, ways_of
-from sim.placement.states import COLLISIONS, ENERGY, INFORMATION, SEEN, SEEN_TWICE, TERMS, TIP_OVERS, TRAIL_LENGTH, Beliefs, States, predict, update
 from sim.placement.tracker_in_loop import TrackerInLoop
 from sim.placement.visibility import share_kernel
 from sim.robots.driving import TOP_SPEED, TOP_YAW_RATE

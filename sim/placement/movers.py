@@ -17,9 +17,9 @@ from sim.crowd.behavior import BehaviorState, StepInput, update_behavior
 from sim.crowd.crowd import CrowdState
 from sim.crowd.social_force import BODY_RADIUS, SteeringGrid, advance, desired_motion, interactions
 from sim.placement.config import DRIVING_STEPS, SPEED, TRAVELLED, TURNED, YAW, YAW_RATE, PlacementConfig, X, Y
+from sim.placement.information import NEAR_MISSES, States
 from sim.placement.map import CACHED_MAPS, PlacementMap, bilinear_at, height_on
 from sim.placement.roadmap import is_free, steer
-from sim.placement.states import NEAR_MISSES, States
 from sim.robots.driving import ACCELERATION, YAW_ACCELERATION, DriveState, Motion, Route, Traffic
 from sim.robots.rover import FOOTPRINT_RADIUS, HALF_WIDTH, SPRUNG_MASS, WHEEL_RADIUS, wheel_positions
 from sim.scenario import Scenario

@@ -22,8 +22,8 @@ from sim.parallel.pool import usable_cores
 from sim.placement.config import DECISION_RATE
 from sim.placement.env import Placement, checked_action
 from sim.placement.episode import GOSPA, Episode, decide, reward_of, weighted
+from sim.placement.information import TERMS, States
 from sim.placement.observations import Observation, bounded, empty, observe
-from sim.placement.states import TERMS, States
 from tracker.geometry import Array
 
 

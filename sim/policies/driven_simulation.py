@@ -10,9 +10,8 @@ import numpy as np
 from sim.placement import visibility
 from sim.placement.config import DECISION_RATE, PlacementConfig
 from sim.placement.episode import detector_row
-from sim.placement.information import Views, started_robots
+from sim.placement.information import Beliefs, Views, started_robots
 from sim.placement.map import MapKey, map_of
-from sim.placement.states import Beliefs
 from sim.policies.policy import TeamKnowledge
 from sim.policies.rollouts import policy_of
 from sim.robots.driving import ACCELERATION, ARRIVED, YAW_ACCELERATION, Driver, DriveState, Motion, Traffic

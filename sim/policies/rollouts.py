@@ -17,7 +17,7 @@ from sim.confidence_intervals import Interval, bounds_of, difference_bounds_of, 
 from sim.parallel.pool import Pool
 from sim.placement.config import SEEDS_PER_MAP, TRAVELLED
 from sim.placement.episode import Episode
-from sim.placement.states import TERMS
+from sim.placement.information import TERMS
 from sim.policies.planning import Greedy, Predictive
 from sim.policies.policy import Lloyd, Policy, Random, Static, TeamKnowledge
 from tracker.io.atomic import new_file

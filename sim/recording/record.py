@@ -16,8 +16,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from sim.recording.drawing import Drawn, DrawnScene, MomentRenderer
-from sim.recording.drawing_workers import DrawingWorkers, draw_on_cluster, drawing_workers
+from sim.recording.drawing import DrawingWorkers, Drawn, DrawnScene, MomentRenderer, draw_on_cluster, drawing_workers
 from sim.recording.frame_journal import FrameJournal
 from sim.recording.frames import Frame, FrameAssembler, FrameState, simulated_frames
 from sim.recording.shots import CameraColours, Moment, ShotPlan, effect_rows

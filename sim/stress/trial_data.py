@@ -12,8 +12,7 @@ from scipy.optimize import linear_sum_assignment
 
 from sim.datasets.fixed_cameras import corner_cameras
 from sim.datasets.presets import PRESETS
-from sim.datasets.twin import recording_of
-from sim.datasets.twin_sources import Twin
+from sim.datasets.twin import Twin, recording_of
 from sim.policies.driven_simulation import PolicySimulation
 from sim.recording.frames import Frame, raycast_frames
 from sim.recording.record import SimulatedSequence, rendered_frames

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from sim.datasets.presets import confine
 from sim.rendering.panorama import PanoramaRenderer
 from sim.scenario import PLAIN_CLOTHING, VARIED_CLOTHING, Scenario
-from sim.sensors.keypoints import InstanceImage
-from sim.sensors.true_boxes import People, true_boxes
+from sim.sensors.true_boxes import InstanceImage, People, true_boxes
 from sim.simulation.lighting import set_light, set_sky
 from sim.simulation.simulation import Simulation, furnished
 from sim.training.camera_sampling import CameraSampler, draw_cameras

@@ -13,8 +13,7 @@ import numpy as np
 
 from sim.stress.tracker_under_test import check_estimates, load_tracker
 from sim.tuning.case_file import PopulationCase
-from sim.tuning.population import kind_of, population_case
-from sim.tuning.user_cameras import KIND, UserCameras, user_case
+from sim.tuning.population import KIND, UserCameras, kind_of, population_case, user_case
 from tracker.metrics.clear_mot import score
 from tracker.metrics.evaluation import matching_frames
 from tracker.parameter_file import Value, with_fields

@@ -29,7 +29,7 @@ import numpy as np
 from sim.datasets.generation import FILE, Plan, generate
 from sim.datasets.presets import PRESETS
 from sim.parallel.pool import ONE_THREAD
-from sim.recording.drawing_workers import AHEAD, drawn_in_order
+from sim.recording.drawing import AHEAD, drawn_in_order
 from sim.recording.frames import simulated_frames
 from sim.recording.tracker_setup import make_setup
 from sim.rendering.gl_context import GLUnavailable, choose_gl

@@ -17,7 +17,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from sim.recording.drawing_workers import drawing_workers
+from sim.recording.drawing import drawing_workers
 from sim.recording.frame_journal import NAME
 from sim.recording.record import SimulatedSequence, write_sequence
 from sim.scenario import Scenario

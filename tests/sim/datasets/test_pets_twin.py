@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from sim.datasets.twin import annotated_overlaps, confine_rovers, draw_twin, recording_of
-from sim.datasets.twin_sources import Twin, true_motion
+from sim.datasets.twin import Twin, annotated_overlaps, confine_rovers, draw_twin, recording_of, true_motion
 from sim.recording.record import write_sequence
 from tests.sim.plaza import plaza
 from tests.tracker.formats.test_pets2009 import CAMERA

@@ -10,8 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from sim.datasets.twin import generate_twin, plan_of, recording_of
-from sim.datasets.twin_sources import Twin, true_motion
+from sim.datasets.twin import Twin, generate_twin, plan_of, recording_of, true_motion
 from tracker.formats.opening import open_recording
 from tracker.geometry import Array, Pose
 from tracker.geometry.cameras import pinhole

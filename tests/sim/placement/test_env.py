@@ -14,7 +14,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
 from sim.placement.episode import WEIGHTS
-from sim.placement.states import TERMS
+from sim.placement.information import TERMS
 from worlds import catalogue
 
 NAME = "pilsim/Placement-v0"

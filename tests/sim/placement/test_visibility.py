@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from sim.placement.episode import gospa
-from sim.placement.information import Views, detector_of
+from sim.placement.information import Beliefs, Views, detector_of
 from sim.placement.map import MapKey, map_of
-from sim.placement.states import Beliefs
 from sim.placement.visibility import (
     BLIND_RADIUS,
     BODY_POINTS,

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from sim.recording.drawing_workers import AHEAD, LONGEST, PARTS, SHORTEST, check_versions, part_length
+from sim.recording.drawing import AHEAD, LONGEST, PARTS, SHORTEST, check_versions, part_length
 from sim.recording.frame_journal import NAME
 from sim.recording.record import versions
 from tests.sim.recording.test_resumable import checksum

@@ -10,8 +10,7 @@ from typing import Any
 import pytest
 
 from sim.parallel.pool import WorkerLost
-from sim.recording.drawing import DrawnScene
-from sim.recording.drawing_workers import drawing_workers
+from sim.recording.drawing import DrawnScene, drawing_workers
 from sim.recording.frame_journal import NAME
 from sim.recording.frames import simulated_frames
 from sim.recording.record import SimulatedSequence, record, write_sequence

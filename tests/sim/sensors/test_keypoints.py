@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim.sensors.keypoints import InstanceImage, image_points, true_keypoints
+from sim.sensors.true_boxes import InstanceImage, image_points, true_keypoints
 from tracker.geometry import Array, Pose
 from tracker.geometry.cameras import Camera, Panorama, Tsai, pinhole
 from tracker.types import HIDDEN, KEYPOINT_NAMES, VISIBLE

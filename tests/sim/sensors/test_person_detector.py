@@ -7,8 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from sim.rendering.coverage import UnoccludedExtent
-from sim.sensors.keypoints import InstanceImage
-from sim.sensors.true_boxes import People, true_boxes
+from sim.sensors.true_boxes import InstanceImage, People, true_boxes
 from tracker.detector_models.independent import IndependentErrors
 from tracker.geometry import Pose, angles_from_bearing
 from tracker.geometry.cameras import Camera, Panorama, pinhole

@@ -12,7 +12,7 @@ from sim.recording.frames import Frame
 from sim.recording.record import SimulatedSequence, rendered_frames, write_sequence
 from sim.recording.tracker_setup import FixedCamera, make_setup
 from sim.scenario import Scenario
-from sim.sensors.keypoints import DEPTH_IN_BODY, image_points
+from sim.sensors.true_boxes import DEPTH_IN_BODY, image_points
 from sim.simulation.simulation import Simulation
 from tests.sim.rays import silhouettes
 from tests.sim.yard import yard

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sim.tuning.population import open_cameras, user_case
 from sim.tuning.scoring import evaluate
-from sim.tuning.user_cameras import open_cameras, user_case
 from tracker.formats.source_options import SourceOptions
 from tracker.geometry.cameras import Pinhole
 from tracker.recordings import RecordingCamera
