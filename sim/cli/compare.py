@@ -40,7 +40,7 @@ class Compare:
     """Print JSON alone."""
 
     def run(self) -> None:
-        from sim.report.comparison import compare_paired, comparison_text, to_json
+        from sim.report.comparison import compare_paired, comparison_text, draw_comparison, to_json
 
         if not self.folders:
             raise ValueError("compare needs folders of results, the first as the reference")
@@ -48,6 +48,4 @@ class Compare:
             found = compare_paired(self.folders)
             print(json_text(to_json(found), indent=1) if self.json else comparison_text(found))
             if self.out is not None:
-                from sim.report.plots import draw_comparison
-
                 draw_comparison(found, self.out)

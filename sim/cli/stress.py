@@ -12,9 +12,9 @@ from sim.cli.options import USUAL, BoxOptions, SceneOptions, changed_options, co
 from tracker.options import OPTIONS, FilterOptions, Least, PeopleOptions, parameters_from
 
 if TYPE_CHECKING:
+    from sim.stress.runner import Trial
     from sim.stress.sweeps import Case
     from sim.stress.tracker_under_test import TrackerUnderTest
-    from sim.stress.trial import Trial
 
 
 @dataclass(frozen=True)
@@ -198,7 +198,7 @@ class Stress:
 
     def _trials(self) -> list[Trial]:
         """All trials, ordered by seed, so that an interrupted run has all settings of the first seeds."""
-        from sim.stress.trial import Trial
+        from sim.stress.runner import Trial
 
         assert self.out is not None
         tracker, out, made = self.subject.chosen(), self.out.resolve(), []

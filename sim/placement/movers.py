@@ -13,8 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.crowd.behavior import BehaviorState, StepInput, update_behavior
-from sim.crowd.crowd import CrowdState
+from sim.crowd.crowd import BehaviorState, CrowdState, StepInput, update_behavior
 from sim.crowd.social_force import BODY_RADIUS, SteeringGrid, advance, desired_motion, interactions
 from sim.placement.config import DRIVING_STEPS, SPEED, TRAVELLED, TURNED, YAW, YAW_RATE, PlacementConfig, X, Y
 from sim.placement.information import NEAR_MISSES, States

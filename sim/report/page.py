@@ -39,9 +39,8 @@ from sim.report.findings import (
     stages,
     summary,
 )
-from sim.report.plots import Plot, save, shortened
+from sim.report.plots import Plot, name_of, overview, plots_of, save, shortened
 from sim.report.rows import STAGES, Row, Rows, Setting, SweepRows, read_beside
-from sim.report.series import name_of, overview, plots_of
 from sim.stress.sweeps import KNOWN_SWEEPS
 from tracker.geometry import Image
 from tracker.io.atomic import write_text

@@ -1,11 +1,14 @@
-"""Plots of a report: curves with intervals, stacked bars and ranges, as SVG for the page and as PNG and CSV files; plots of comparisons."""
+"""Plots of a report, and those of each sweep. Curves with intervals, stacked bars and ranges, as SVG for the page and as PNG and CSV files.
+
+A sweep has scores with their bounds, shares of the loss by stage, and causes of errors.
+"""
 
 from __future__ import annotations
 
 import csv
 import io
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +18,9 @@ import matplotlib.ticker
 import numpy as np
 
 from sim.confidence_intervals import Interval
-from sim.report.comparison import EVERY, MEASURES, ComparedMeasure, PairedComparison
+from sim.report.findings import causes_of, findings, stages
+from sim.report.rows import KINDS, STAGES, Rows, Setting, SweepRows
+from sim.stress.sweeps import KNOWN_SWEEPS
 from tracker.io.atomic import new_file
 
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C6D00", "#5B5B5B")
@@ -42,6 +47,138 @@ SIZE = (4.7, 3.5)
 """Inches. Text of 11 points is then legible on a phone."""
 LONGEST = 36
 """The greatest number of letters of a name on an axis."""
+
+
+@dataclass(frozen=True)
+class PlottedMeasure:
+    """A score with a curve: its name in the rows, its title and its label.
+
+    limits: pairs of a name in the rows and the label of its line. within: the range that the axis shows at least.
+    """
+
+    name: str
+    title: str
+    label: str
+    limits: tuple[tuple[str, str], ...] = ()
+    within: tuple[float, float] = (0.0, 1.0)
+
+
+REMAINDER = "other"
+BOUNDS = (("dead_reckoning_m", "dead reckoning"), ("ate_bound_m", "Cramér-Rao bound"))
+MEASURES = (
+    PlottedMeasure("mota", "Tracking accuracy", "MOTA (1 is perfect)"),
+    PlottedMeasure("idf1", "Identity", "IDF1 (1 is perfect)"),
+    PlottedMeasure("ate_m", "Error of the robots", "ATE [m] (0 is perfect)", BOUNDS, (0.0, 0.01)),
+    PlottedMeasure("motp_m", "Error of people's positions", "MOTP [m] (0 is perfect)", (("target_bound_m", "Cramér-Rao bound"),), (0.0, 0.1)),
+    PlottedMeasure("efficiency", "Error of the robots relative to the bound", "ATE / Cramér-Rao bound (1 is perfect)", (), (0.0, 1.0)),
+    PlottedMeasure("map_aligned_m", "Error of landmarks", "RMSE after alignment [m] (0 is perfect)", (), (0.0, 0.01)),
+    PlottedMeasure("map_complete", "Landmarks mapped", "share of those seen often (1 is perfect)"),
+    PlottedMeasure("mota_all", "All people, seen or not", "MOTA over all people", (("visible_recall", "bound: share seen by a camera"),)),
+)
+
+
+def plots_of(sweep: SweepRows, trackers: list[str]) -> list[Plot]:
+    """Curves of all measures that are known, then the ablation and the causes of errors of each tracker."""
+    curves = [curve for measure in MEASURES if (curve := _curve(sweep, measure, trackers))]
+    present = [t for t in trackers if any(s.of(t) for s in sweep.settings)]
+    return curves + [plot for t in present for plot in (*_ablations(sweep, t, len(present) > 1), *_causes(sweep, t, len(present) > 1))]
+
+
+def overview(rows: Rows) -> list[Plot]:
+    """Plots of the summary: the curve of the sweep with the largest effect on the first tracker, and the effect of every sweep."""
+    found = findings(rows, rows.trackers[0])
+    first: list[Plot] = []
+    if found and (curve := _curve(found[0].sweep, MEASURES[0], rows.trackers)):
+        title = "Largest effect" if found[0].fall else "Largest difference"
+        first = [replace(curve, name=f"first-{curve.name}", title=f"{title}: {found[0].sweep.name}")]
+    if len(found) < 2:
+        return first
+    spans = Spans(Line("easiest setting", tuple(f.high for f in found)), Line("hardest setting", tuple(f.low for f in found)))
+    names = tuple(f.sweep.name for f in found)
+    note = "Thin lines: 95 % intervals of the means."
+    spanned = Plot("overview", "Effect of each sweep", names, "sweep", "MOTA (1 is perfect)", spans, False, (0.0, 1.0), note)
+    return [*first, spanned]
+
+
+def axis_of(sweep: SweepRows) -> str:
+    """The label of the axis: the parameter, with its unit where the sweep is known."""
+    known = KNOWN_SWEEPS.get(sweep.name)
+    name = sweep.parameter.replace("_", " ")
+    return f"{name} [{known.unit}]" if known and known.unit else name
+
+
+def name_of(*parts: str) -> str:
+    """A name for files and anchors, of letters, digits and hyphens."""
+    return "-".join(re.sub(r"[^a-z0-9]+", "-", part.lower()).strip("-") or "x" for part in parts)
+
+
+def _curve(sweep: SweepRows, measure: PlottedMeasure, trackers: list[str]) -> Plot | None:
+    settings = sweep.ordered()
+    lines = [Line(t, tuple(s.mean(t, measure.name) for s in settings)) for t in trackers]
+    lines = [line for line in lines if any(line.points)]
+    if not lines:
+        return None
+    # Bounds depend on the setting and not on the tracker: the first tracker that has them gives them.
+    for name, label in measure.limits:
+        points = tuple(next((mean for t in trackers if (mean := s.mean(t, name))), None) for s in settings)
+        lines += [Line(label, points, limit=True)] if any(points) else []
+    seeds = max(point.count for line in lines for point in line.points if point)
+    note = f"Means over {seeds} seeds with 95 % intervals." if seeds > 1 else "One seed: no intervals."
+    name, x = name_of(sweep.name, measure.name), tuple(s.value for s in settings)
+    return Plot(name, measure.title, x, axis_of(sweep), measure.label, tuple(lines), sweep.numeric, measure.within, note)
+
+
+def _ablations(sweep: SweepRows, tracker: str, several: bool) -> list[Plot]:
+    plots = []
+    for measure, title, label in (
+        ("mota", "Loss of MOTA by stage", "MOTA lost"),
+        ("metres", "Error of people by stage", "mean error of people found [m]"),
+    ):
+        settings = [s for s in sweep.ordered() if stages(s.of(tracker), measure)]
+        if not settings:
+            continue
+        shares = [stages(s.of(tracker), measure) for s in settings]
+        parts = {stage: tuple(share[stage].mean if stage in share else 0.0 for share in shares) for stage in STAGES}
+        parts[REMAINDER] = tuple(_left(s, tracker, measure) for s in settings)
+        x = tuple(s.value for s in settings)
+        name = name_of(sweep.name, "ablation", measure, tracker)
+        note = (
+            "What perfect input to each stage would recover. Below zero it makes the result worse. The rest is lost even with perfect input to all."
+        )
+        plots.append(Plot(name, _titled(title, tracker, several), x, axis_of(sweep), label, Bars(parts, REMAINDER), note=note))
+    return plots
+
+
+def _left(setting: Setting, tracker: str, measure: str) -> float:
+    """The mean loss that remains with perfect input to all stages, over the runs that have an ablation."""
+    name = {"mota": "mota", "metres": "motp_m"}[measure]
+    runs = [row for row in setting.of(tracker) if measure in row.ablation and name in row.scores and "total" in row.ablation[measure]]
+    lost = [(1 - row.scores[name] if measure == "mota" else row.scores[name]) - row.ablation[measure]["total"] for row in runs]
+    return float(np.mean(lost)) if lost else 0.0
+
+
+def _causes(sweep: SweepRows, tracker: str, several: bool) -> list[Plot]:
+    plots = []
+    settings = [s for s in sweep.ordered() if s.of(tracker)]
+    counts = [causes_of(s.of(tracker)) for s in settings]
+    truths = [sum(row.scores.get("truths", 0.0) for row in s.of(tracker)) for s in settings]
+    for kind in KINDS:
+        # In the order of the rows, causes without errors too, so that a cause keeps its colour in all sweeps.
+        names = list(dict.fromkeys(cause for s in settings for row in s.of(tracker) for cause in row.causes.get(kind, ())))
+        present = [name for name in names if any(name in one.get(kind, ()) for one in counts)]
+        if not present or not all(truths):
+            continue
+        parts = {name: tuple(100 * (one[kind][name] if kind in one else 0) / n for one, n in zip(counts, truths, strict=True)) for name in names}
+        title = _titled(f"Causes of {kind}", tracker, several)
+        x = tuple(s.value for s in settings)
+        ending = ", by cause." if len(present) > 1 else f": {present[0]}."
+        note = f"{kind.capitalize()} per 100 true positions{ending}"
+        plots.append(Plot(name_of(sweep.name, kind, tracker), title, x, axis_of(sweep), f"{kind} per 100", Bars(parts), note=note))
+    return plots
+
+
+def _titled(title: str, tracker: str, several: bool) -> str:
+    return f"{title} ({tracker})" if several else title
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,49 +396,6 @@ def _bars(axes: Any, plot: Plot, bars: Bars) -> list[Any]:
         up, down = up + np.clip(amounts, 0, None), down + np.clip(amounts, None, 0)
     axes.axhline(0, color="#444444", linewidth=0.8)
     return handles
-
-
-def draw_comparison(found: PairedComparison, path: Path) -> None:
-    """Write a PNG of paired differences, each with its interval, beside the line of no difference. Right is better.
-
-    Each measure has a panel, each setting a line, each tracker a colour.
-    Raises ValueError where no pair of runs has scores.
-    """
-    ids = list(dict.fromkeys(one.id for pair in found.pairs for one in pair.differences))
-    if not ids:
-        raise ValueError(f"{path}: no pair of runs has scores, so there is nothing to draw")
-    with matplotlib.rc_context(STYLE):
-        figure = matplotlib.figure.Figure(figsize=(13, 1.9 + 0.42 * len(ids) * max(1, 0.6 * len(found.pairs))), layout="constrained")
-        figure.suptitle(f"Difference from {found.reference.name} with 95 % interval; filled: the interval excludes 0", fontsize=12, x=0.01, ha="left")
-        panels = figure.subplots(1, len(MEASURES), sharey=True)
-        for axes, measure in zip(panels, MEASURES, strict=True):
-            _differences(axes, found, measure, ids)
-        panels[0].set_yticks(range(len(ids)), [shortened(id) for id in ids])
-        panels[0].invert_yaxis()
-        handles, labels = panels[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower left", ncols=3, frameon=False)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with new_file(path) as part:
-            figure.savefig(part, dpi=120, metadata={"Software": None})
-
-
-def _differences(axes: Any, found: PairedComparison, measure: ComparedMeasure, ids: list[str]) -> None:
-    axes.axvline(0, color="#222222", linewidth=1.2)
-    axes.grid(axis="y", visible=False)
-    for k, pair in enumerate(found.pairs):
-        shift = 0.5 * ((k + 0.5) / len(found.pairs) - 0.5)
-        style = {"color": PALETTE[k % len(PALETTE)], "marker": MARKERS[k % len(MARKERS)], "markersize": 7, "linestyle": "none"}
-        axes.plot([], [], label=pair.tracker.name, **style)
-        for one in pair.differences:
-            if one.measure is measure:
-                place, interval = ids.index(one.id) + shift, one.interval
-                if interval.low is not None and interval.high is not None:
-                    axes.hlines(place, interval.low, interval.high, color=style["color"], linewidth=3 if one.id == EVERY else 1.8)
-                certain = one.verdict in ("better", "worse")
-                axes.plot([interval.mean], [place], fillstyle="full" if certain else "none", markeredgewidth=1.8, **style)
-    if not measure.more_is_better:
-        axes.invert_xaxis()
-    axes.set(title=measure.label, xlabel="worse ←   difference   → better")
 
 
 def shortened(value: Any) -> str:

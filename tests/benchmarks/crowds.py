@@ -19,8 +19,8 @@ from joblib import Parallel, delayed
 from sim.scenario import Scenario
 from sim.stress import error_causes
 from sim.stress.ablation import STAGES, with_true_stages
+from sim.stress.runner import trial_scores
 from sim.stress.sweeps import Case
-from sim.stress.trial import trial_scores
 from sim.stress.trial_data import simulate_case
 from tracker.pipeline import Parameters, track
 from tracker.sequence.results import Results

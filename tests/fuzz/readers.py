@@ -17,8 +17,8 @@ from sim.datasets.presets import preset_of, read_settings
 from sim.policies.training import Curve
 from sim.report.findings import headline, moments, summary
 from sim.report.page import album_of
+from sim.report.plots import overview, plots_of
 from sim.report.rows import read_rows
-from sim.report.series import overview, plots_of
 from sim.stress.runner import _read_rows
 from sim.studies import STUDIES
 from tests.fuzz import samples

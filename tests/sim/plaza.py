@@ -7,8 +7,7 @@ import numpy as np
 
 from worlds.terrain.free_space import FEET, WHEELS, free_space
 from worlds.terrain.heightfield import Heightfield
-from worlds.textures.canvas import Canvas
-from worlds.textures.materials import add_light, add_material, add_sky, set_view
+from worlds.textures.materials import Canvas, add_light, add_material, add_sky, set_view
 from worlds.world import World
 
 LOW, HIGH = (-32.0, -32.0), (24.0, 24.0)

@@ -11,8 +11,7 @@ from worlds.places.mesh_place import build_mesh
 from worlds.places.model_place import build_model
 from worlds.places.place import HEIGHT_MAP, MESH, MOST_NODES, Place, place_of
 from worlds.terrain.free_space import walkers_spaces
-from worlds.textures.canvas import Image
-from worlds.textures.materials import FAIR_SKY, HIGH_SUN, add_light, add_picture, add_sky, set_view
+from worlds.textures.materials import FAIR_SKY, HIGH_SUN, Image, add_light, add_picture, add_sky, set_view
 from worlds.textures.soils import Soil, soil
 from worlds.world import World
 

@@ -13,9 +13,8 @@ from worlds.engine import mujoco
 from worlds.props.shapes import Shape, quad
 from worlds.terrain.heightfield import Array, Heightfield
 from worlds.terrain.polygons import turned
-from worlds.textures.canvas import Box, Canvas, tint
 from worlds.textures.masonry import brick, concrete, plaster
-from worlds.textures.materials import add_material
+from worlds.textures.materials import Box, Canvas, add_material, tint
 
 BAY, STOREY = 3.0, 3.2
 """m: width of a bay and height of a storey."""

@@ -13,7 +13,7 @@ from worlds.props.meshes import PERIOD, wrapped
 from worlds.props.shapes import Shape
 from worlds.terrain.heightfield import Array
 from worlds.terrain.relief import fractal, noise
-from worlds.textures.canvas import Canvas, tint
+from worlds.textures.materials import Canvas, tint
 
 BARK, LEAVES, NEEDLES = "bark", "leaves", "needles"
 """Names of the materials, which `canvases` paints."""

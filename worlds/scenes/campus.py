@@ -17,9 +17,8 @@ from worlds.terrain.heightfield import Array, Heightfield, Mask
 from worlds.terrain.polygons import signed_distance, turned
 from worlds.terrain.relief import fractal, swell
 from worlds.terrain.walk_surface import Decks, Terrain
-from worlds.textures.canvas import Canvas
 from worlds.textures.masonry import brick, rock
-from worlds.textures.materials import add_light, add_material, add_sky, set_view
+from worlds.textures.materials import Canvas, add_light, add_material, add_sky, set_view
 from worlds.world import World
 
 NAME = "campus"

@@ -21,10 +21,9 @@ from worlds.terrain.free_space import FreeSpace, spawn_areas, walkers_spaces
 from worlds.terrain.heightfield import Array, Heightfield, Mask
 from worlds.terrain.polygons import rectangle, turned
 from worlds.terrain.relief import swell
-from worlds.textures.canvas import Canvas
 from worlds.textures.floors import floor
 from worlds.textures.furniture_atlas import atlas
-from worlds.textures.materials import add_light, add_material, add_sky, set_view
+from worlds.textures.materials import Canvas, add_light, add_material, add_sky, set_view
 from worlds.textures.soils import Soil, soil
 from worlds.world import World
 

@@ -16,8 +16,7 @@ from worlds.terrain.free_space import spawn_areas, walkers_spaces
 from worlds.terrain.heightfield import Array, Heightfield, Mask
 from worlds.terrain.polygons import turned
 from worlds.terrain.relief import swell
-from worlds.textures.canvas import Canvas
-from worlds.textures.materials import FAIR_SKY, add_light, add_material, add_sky, set_view
+from worlds.textures.materials import FAIR_SKY, Canvas, add_light, add_material, add_sky, set_view
 from worlds.world import World
 
 RIM = 3.0

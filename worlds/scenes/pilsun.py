@@ -19,10 +19,9 @@ from worlds.terrain.free_space import walkers_spaces
 from worlds.terrain.heightfield import Array, Heightfield
 from worlds.terrain.polygons import rectangle, turned
 from worlds.terrain.relief import plateau, ramp, rubble, swell
-from worlds.textures.canvas import Canvas, tint
 from worlds.textures.floors import floor, hazards, lane, matting, planks
 from worlds.textures.furniture_atlas import atlas
-from worlds.textures.materials import add_light, add_material, add_sky, set_view
+from worlds.textures.materials import Canvas, add_light, add_material, add_sky, set_view, tint
 from worlds.world import World
 
 WALL_HEIGHT, WALL_THICKNESS = 2.8, 0.2

@@ -18,9 +18,8 @@ from worlds.terrain.heightfield import Array, Heightfield, Mask
 from worlds.terrain.polygons import covered, offset, rectangle, signed_distance, turned
 from worlds.terrain.relief import fractal, rubble, swell
 from worlds.terrain.walk_surface import Decks, Terrain
-from worlds.textures.canvas import Canvas
 from worlds.textures.masonry import ashlar
-from worlds.textures.materials import add_light, add_material, add_sky, set_view
+from worlds.textures.materials import Canvas, add_light, add_material, add_sky, set_view
 from worlds.world import World
 
 THICKNESS = 0.5

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from worlds.terrain.heightfield import Array, Heightfield, Mask
 from worlds.terrain.polygons import signed_distance
 from worlds.terrain.relief import Pattern, fractal, noise
-from worlds.textures.canvas import Canvas, tint
+from worlds.textures.materials import Canvas, tint
 
 # Pixels a metre: from a robot's eye at 0.6 m a panorama of 1024 pixels sees no more than about 110 of them in a metre of floor.
 SCALE = 96.0

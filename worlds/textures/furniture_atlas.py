@@ -8,7 +8,7 @@ import numpy as np
 
 from worlds.terrain.heightfield import Array
 from worlds.terrain.relief import noise
-from worlds.textures.canvas import Box, Canvas, tint
+from worlds.textures.materials import Box, Canvas, tint
 
 # Each surface is a tile of that many metres, at SCALE pixels a metre; ACROSS tiles in a row.
 TILE = 1.6

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from worlds.terrain.relief import fractal, noise
-from worlds.textures.canvas import Canvas, tint
+from worlds.textures.materials import Canvas, tint
 
 # Pixels a metre: from 1.5 m away a panorama of 1024 pixels sees about 110 of them in a metre.
 SCALE = 112.0

@@ -1,12 +1,119 @@
-"""Pictures as materials, light and sky: all that only changes pixels."""
+"""All that only changes pixels: a canvas with the strokes that floors, walls and furniture are painted with, materials, light and sky."""
 
 from __future__ import annotations
 
+from typing import final
+
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from worlds.engine import mujoco
-from worlds.textures.canvas import Canvas, Image
+from worlds.terrain.relief import Pattern, fractal, noise
+
+Image = NDArray[np.uint8]
+Box = tuple[float, float, float, float]
+
+
+@final
+class Canvas:
+    """A picture under work with `scale` pixels a metre: x from 0 on the left to width, y from base at the bottom up to height, metres.
+
+    A box is (x0, y0, x1, y1) m; what lies off the canvas is not painted. Colours are (3,) in [0, 255].
+    """
+
+    def __init__(self, width: float, height: float, scale: float, colour: ArrayLike, base: float = 0.0) -> None:
+        self.width, self.height, self.scale, self.base = width, height, scale, base
+        shape = (max(2, round((height - base) * scale)), max(2, round(width * scale)), 3)
+        self.pixels: Pattern = np.empty(shape, dtype=np.float32)
+        self.pixels[:] = np.asarray(colour, dtype=np.float32)
+
+    def image(self) -> Image:
+        """(rows, columns, 3) uint8, row 0 on top."""
+        return np.clip(self.pixels, 0, 255).astype(np.uint8)
+
+    @property
+    def box(self) -> Box:
+        return 0.0, self.base, self.width, self.height
+
+    def window(self, box: Box) -> Pattern:
+        """The pixels (a view, maybe empty) within a box, at least one pixel thick."""
+        rows, columns, _ = self.pixels.shape
+        x0, x1 = (round(v * self.scale) for v in (box[0], box[2]))
+        y0, y1 = (round((v - self.base) * self.scale) for v in (box[1], box[3]))
+        left, right = max(0, x0), min(columns, max(x1, x0 + 1))
+        top, bottom = max(0, rows - max(y1, y0 + 1)), min(rows, rows - y0)
+        return self.pixels[top : max(top, bottom), left : max(left, right)]
+
+    def fill(self, box: Box, colour: ArrayLike, opacity: float = 1.0) -> None:
+        w = self.window(box)
+        w += np.float32(opacity) * (np.asarray(colour, dtype=np.float32) - w)
+
+    def frame(self, box: Box, colour: ArrayLike, thickness: float) -> None:
+        """A border of that thickness m within the box."""
+        x0, y0, x1, y1 = box
+        for side in (
+            (x0, y0, x1, y0 + thickness),
+            (x0, y1 - thickness, x1, y1),
+            (x0, y0, x0 + thickness, y1),
+            (x1 - thickness, y0, x1, y1),
+        ):
+            self.fill(side, colour)
+
+    def disc(self, centre: tuple[float, float], radius: float, colour: ArrayLike) -> None:
+        x, y = centre
+        w = self.window((x - radius, y - radius, x + radius, y + radius))
+        v, u = np.mgrid[-1 : 1 : w.shape[0] * 1j, -1 : 1 : w.shape[1] * 1j]
+        w[u**2 + v**2 <= 1] = np.asarray(colour, dtype=np.float32)
+
+    def shade(self, box: Box, amount: ArrayLike) -> None:
+        """Brightness changed by a factor 1 + amount, which broadcasts over the box's (rows, columns)."""
+        w = self.window(box)
+        w *= np.broadcast_to(1 + np.asarray(amount, dtype=np.float32), w.shape[:2])[..., None]
+
+    def mottle(self, rng: np.random.Generator, box: Box, strength: float, period: float, octaves: int = 4) -> None:
+        """Patches of lighter and darker, the largest `period` m across, and their halves down to `octaves` sizes."""
+        w = self.window(box)
+        if w.size:
+            self.shade(box, strength * fractal(rng, w.shape[:2], period * self.scale, octaves))
+
+    def speckle(self, rng: np.random.Generator, box: Box, strength: float, share: float) -> None:
+        """Specks a pixel or two across, over a share of the box, lighter or darker by up to the strength."""
+        w = self.window(box)
+        if w.size:
+            grain = noise(rng, w.shape[:2], 1.7)
+            self.shade(box, strength * np.where(np.abs(grain) > np.quantile(np.abs(grain[::4, ::4]), 1 - share), grain, 0.0))
+
+    def writing(self, rng: np.random.Generator, box: Box, colour: ArrayLike, line: float) -> None:
+        """Lines of illegible writing, `line` m high, ragged on the right."""
+        x0, y0, x1, y1 = box
+        y = y1 - line
+        while y >= y0:
+            x, end = x0, x0 + (x1 - x0) * rng.uniform(0.45, 1.0)
+            while x < end:
+                word = line * rng.uniform(0.6, 3.5)
+                self._word(rng, (x, y, min(x + word, x1), y + 0.62 * line), colour)
+                x += word + 0.45 * line
+            y -= 1.25 * line
+
+    def _word(self, rng: np.random.Generator, box: Box, colour: ArrayLike) -> None:
+        w = self.window(box)
+        if w.size:
+            ink = rng.random(w.shape[:2], dtype=np.float32) < 0.6
+            w[ink] = np.asarray(colour, dtype=np.float32)
+
+    def picture(self, rng: np.random.Generator, box: Box, colours: ArrayLike) -> None:
+        """A photograph of nothing: three colours (3, 3) in cloudy shapes."""
+        w = self.window(box)
+        if w.size:
+            palette = np.asarray(colours, dtype=np.float32)
+            shape, period = w.shape[:2], max(w.shape[:2]) / 2.5
+            a, b = (np.clip(0.5 + 1.4 * fractal(rng, shape, period, 5), 0, 1)[..., None] for _ in range(2))
+            w[:] = (palette[0] * (1 - a) + palette[1] * a) * (1 - b) + palette[2] * b
+
+
+def tint(rng: np.random.Generator, colour: ArrayLike, spread: float = 12.0) -> Pattern:
+    """A colour near that colour."""
+    return np.clip(np.asarray(colour) + rng.normal(0, spread, 3) * 0.5 + rng.normal(0, spread) * 0.7, 0, 255).astype(np.float32)
 
 
 def add_material(spec: mujoco.MjSpec, name: str, canvas: Canvas, shine: float = 0.1) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from worlds.terrain.heightfield import Array
-from worlds.textures.canvas import Canvas, tint
+from worlds.textures.materials import Canvas, tint
 
 WIDTH, HEIGHT = 0.9, 1.8
 """m: a cell; the person in it is 1.7 m tall."""

@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from worlds.terrain.heightfield import Array, Heightfield
 from worlds.terrain.relief import Pattern, fractal, noise
-from worlds.textures.canvas import Canvas
+from worlds.textures.materials import Canvas
 
 PIXELS = 1792
 """Along the longer side of the picture."""

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from worlds.textures.canvas import Box, Canvas, tint
 from worlds.textures.masonry import brick, concrete, plaster, skirting
+from worlds.textures.materials import Box, Canvas, tint
 
 INK = (45, 48, 55)
 BRIGHT = np.array(

@@ -3,8 +3,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from sim.crowd.behavior import ARRIVED
-from sim.crowd.crowd import Crowd, CrowdState, Obstacles
+from sim.crowd.crowd import ARRIVED, Crowd, CrowdState, Obstacles
 from sim.crowd.goals import GoalPlans, Schedule, make_plans, order_by_group
 from sim.crowd.social_force import BODY_RADIUS
 from sim.scenario import Scenario

@@ -9,8 +9,7 @@ import cv2
 import pytest
 
 from sim.cli.compare import Compare
-from sim.report.comparison import EVERY, compare_paired, comparison_text, to_json
-from sim.report.plots import draw_comparison
+from sim.report.comparison import EVERY, compare_paired, comparison_text, draw_comparison, to_json
 from tests.sim import stress_rows
 
 

@@ -5,9 +5,9 @@ import pytest
 
 from sim.scenario import Scenario
 from sim.stress.error_causes import CAUSES, FrameEvidence, Mistake, TrialEvidence, count_causes, find_mistakes, gather_evidence
+from sim.stress.runner import trial_scores
 from sim.stress.sweeps import Case
 from sim.stress.tracker_under_test import TrackerUnderTest
-from sim.stress.trial import trial_scores
 from sim.stress.trial_data import simulate_case
 
 

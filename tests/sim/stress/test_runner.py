@@ -9,10 +9,9 @@ from typing import Any
 import pytest
 
 from sim.scenario import Scenario
-from sim.stress.runner import Worker, Workers, key_of, run_trials
+from sim.stress.runner import ROBOTS, Trial, Worker, Workers, empty_row, key_of, row_of, run_trials
 from sim.stress.sweeps import Case
 from sim.stress.tracker_under_test import TrackerUnderTest
-from sim.stress.trial import ROBOTS, Trial, empty_row, row_of
 from tests.tracker.person_detector.blob_network import write_blob_network
 from tracker.io.file_lock import file_lock
 from tracker.metrics.landmark_map import MapScore

@@ -14,9 +14,8 @@ from worlds.props.furniture import GAP, Furnishing, Piece
 from worlds.props.shapes import Shape, box, column, prism
 from worlds.terrain.heightfield import Heightfield
 from worlds.terrain.polygons import rectangle, signed_distance
-from worlds.textures.canvas import Canvas
 from worlds.textures.furniture_atlas import Surface
-from worlds.textures.materials import add_material
+from worlds.textures.materials import Canvas, add_material
 
 MAKERS: list[Callable[[np.random.Generator], Piece]] = [
     furniture.table,

@@ -7,9 +7,9 @@ import pytest
 
 from worlds.terrain.heightfield import Heightfield
 from worlds.terrain.polygons import rectangle
-from worlds.textures.canvas import Canvas
 from worlds.textures.floors import floor, hazards, lane, matting, planks
 from worlds.textures.furniture_atlas import ACROSS, TILE, Surface, atlas, crop
+from worlds.textures.materials import Canvas
 from worlds.textures.wall_fixtures import wall
 
 
