@@ -174,21 +174,6 @@ class CrowdState:
         return self.body[:, HEADING]
 
     @property
-    def pause(self) -> Array:
-        """(m,) s left of the pause at a goal."""
-        return self.body[:, PAUSE]
-
-    @property
-    def stuck(self) -> Array:
-        """(m,) s without progress."""
-        return self.body[:, STUCK]
-
-    @property
-    def visit(self) -> NDArray[np.int64]:
-        """(m,): number of goals passed."""
-        return self.body[:, VISIT].astype(np.int64)
-
-    @property
     def present(self) -> NDArray[np.bool_]:
         """(m,) bool: who is present. The others have not entered yet or have left."""
         return self.body[:, PRESENT] > 0

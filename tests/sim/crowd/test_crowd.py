@@ -5,7 +5,7 @@ import pytest
 
 from sim.crowd.crowd import ARRIVED, Crowd, CrowdState, Obstacles
 from sim.crowd.goals import GoalPlans, Schedule, make_plans, order_by_group
-from sim.crowd.social_force import BODY_RADIUS
+from sim.crowd.social_force import BODY_RADIUS, PAUSE, VISIT
 from sim.scenario import Scenario
 from tests.sim.yard import yard
 from worlds import catalogue
@@ -62,7 +62,7 @@ def test_seventy_four_people_do_not_walk_through_each_other_or_walls(place):
         through += int((world.feet.clearance_at(state.position) <= 0).sum())
     assert deep < 0.001 * frames
     assert through == 0
-    assert np.median(state.visit) >= 1
+    assert np.median(state.body[:, VISIT]) >= 1
 
 
 def test_the_same_start_gives_the_same_end_and_states_stay():
@@ -82,7 +82,7 @@ def test_a_lone_walker_reaches_the_preferred_speed_and_the_goal():
     assert abs(speed[60:180].mean() - 1.2) < 0.03
     assert np.linalg.norm(states[-1].position - [8.0, 0.0]) < ARRIVED
     assert speed[-1] < 0.05
-    assert states[-1].pause[0] > 0
+    assert states[-1].body[0, PAUSE] > 0
 
 
 def test_two_who_meet_head_on_pass():
@@ -146,8 +146,8 @@ def test_a_group_stays_together_and_goes_to_the_same_goals():
     states = history(crowd, crowd.start(np.array([[-8.0, 0.0], [-8.5, 0.7], [-6.0, -1.0]]), np.zeros(3)), 40.0)
     middle = np.array([s.position - s.position.mean(axis=0) for s in states[100:]])
     assert np.linalg.norm(middle, axis=2).mean() < 1.0
-    assert all((s.visit == s.visit[0]).all() for s in states)
-    assert states[-1].visit[0] >= 1
+    assert all((s.body[:, VISIT] == s.body[0, VISIT]).all() for s in states)
+    assert states[-1].body[0, VISIT] >= 1
 
 
 def test_people_come_and_go_through_spawn_areas_and_all_of_them_come():

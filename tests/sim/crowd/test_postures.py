@@ -7,7 +7,7 @@ import pytest
 
 from sim.crowd.crowd import Crowd, Obstacles
 from sim.crowd.goals import SIZES, SPACING, GoalPlans, Postures, drawn_postures, make_plans
-from sim.crowd.social_force import BODY_RADIUS
+from sim.crowd.social_force import BODY_RADIUS, PAUSE
 from tests.sim.crowd.test_crowd import DT, distances, field, history
 from tracker.geometry import wrap
 
@@ -52,7 +52,7 @@ def test_people_who_meet_form_a_circle_and_face_its_centre(count: int) -> None:
     states = history(crowd, body, 16.0)
     # From 12 s on they have met.
     for state in states[240:]:
-        assert (state.pause > 0).all()
+        assert (state.body[:, PAUSE] > 0).all()
         away = state.position - state.position.mean(axis=0)
         assert np.abs(wrap(np.arctan2(-away[:, 1], -away[:, 0]) - state.heading)).max() < 0.2
         assert np.hypot(*away.T) == pytest.approx(0.5 * SPACING / np.sin(np.pi / count), abs=0.15)
@@ -71,7 +71,7 @@ def test_groups_begin_in_circles_and_sitters_on_seats() -> None:
     crowd = Crowd(world.feet, world.terrain, plans, postures)
     robot = np.array([[-3.0, 0.0]])
     start = crowd.start(world.feet.sample(np.random.default_rng(1), 10, 0.1, 1.2), np.zeros(10), robot)
-    talking = np.flatnonzero((postures.talks >= 0) & (start.pause > 0))
+    talking = np.flatnonzero((postures.talks >= 0) & (start.body[:, PAUSE] > 0))
     assert len(talking) >= 4
     assert np.linalg.norm(start.position[talking] - robot, axis=1).min() > 0.7
     still = Obstacles(robot, np.zeros((1, 2)), np.array([0.3]))
