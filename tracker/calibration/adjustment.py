@@ -14,7 +14,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
-from tracker.calibration.body import EDGES, GLOBALS, HEIGHT, MEAN_STATURE, NAMES, OF_BOXES, OFFSET, boxes_of, ground_places
+from tracker.calibration.body import CX, CY, EDGES, GLOBALS, HEIGHT, K1, MEAN_STATURE, NAMES, OF_BOXES, OFFSET, boxes_of, ground_places
 from tracker.calibration.marginal import PeoplesPaths, local_covariances
 from tracker.calibration.people import Observations
 from tracker.calibration.single_view import SPREAD, STATURE
@@ -54,13 +54,14 @@ DAMPING, LEAST = 1e-3, 1e-6
 class Prior:
     """Of camera parameters (cameras, 11): mean, and standard deviation; 0 for known ones, inf where nothing is known.
 
-    distances: first camera, second camera, m, error m.
+    distances: first camera, second camera, m, error m. lens (cameras, 3): deviations of cx, cy and k1 where these are errors that are not estimated.
     """
 
     mean: Array
     sigma: Array
     body: Array = field(default_factory=lambda: GLOBAL_PRIOR.copy())
     distances: tuple[tuple[int, int, float, float], ...] = ()
+    lens: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -369,8 +370,10 @@ class Problem:
         camera[moving] = -np.linalg.solve(S[np.ix_(moving, moving)] + 1e-12 * np.eye(int(moving.sum())) * np.trace(S), right[moving])
         return camera, -(X[:, -1] + X[:, :-1] @ camera)
 
-    def information(self, marginal: bool = False) -> tuple[Array, Array, Array]:
+    def information(self, marginal: bool = False) -> tuple[Array, Array, Array, Array]:
         """Of the free parameters and the bodies, people eliminated: gradient (p,), information (p, p), and covariance (p, p) of the gradient.
+
+        The fourth (p, errors) is the part of the gradient by each of the errors of lenses, of one standard deviation.
 
         marginal: whether the gradient is that of the marginal density, which `integrate` brings to 0.
         The covariance holds what boxes of a person in a camera have in common, and errors that all boxes of a camera may have.
@@ -390,19 +393,42 @@ class Problem:
         chunk = np.unique(np.column_stack([s.view, s.person]), axis=0, return_inverse=True)[1].ravel()
         score = np.zeros((int(chunk.max()) + 1, reduced.shape[1]))
         np.add.at(score, np.repeat(chunk, 3), reduced * system["r"][:, None])
-        common = reduced.T @ self._common_errors(state) / np.sqrt(bend)
-        return gradient, H, score.T @ score + (H - reduced.T @ reduced) + common @ common.T
+        common, lens = (reduced.T @ errors / np.sqrt(bend) for errors in (self._common_errors(state), self._lens_errors(state)))
+        return gradient, H, score.T @ score + (H - reduced.T @ reduced) + common @ common.T + lens @ lens.T, lens
 
     def covariance(self, held: Mask | None = None) -> Array:
         """Covariance (cameras · 11, same) of the parameters but those `held` (free,), which are known."""
         moving = np.ones(len(self.free), dtype=bool) if held is None else ~held
         own = np.flatnonzero(np.append(moving, np.ones(len(GLOBALS), dtype=bool)))
-        _, information, meat = self.information()
+        _, information, meat, lens = self.information()
         inverse = np.linalg.pinv(information[np.ix_(own, own)], hermitian=True)
         found, at = inverse @ meat[np.ix_(own, own)] @ inverse, self.free[moving]
         out = np.zeros((self.rows.size, self.rows.size))
         out[np.ix_(at, at)] = found[: len(at), : len(at)]
+        wrong, sigma = self._lens_parameters()
+        # What is estimated follows an error of a lens.
+        out[np.ix_(at, wrong)] = -(inverse @ lens[own])[: len(at)] * sigma
+        out[np.ix_(wrong, at)] = out[np.ix_(at, wrong)].T
+        out[wrong, wrong] = sigma**2
         return out
+
+    def _lens_parameters(self) -> tuple[Ints, Array]:
+        """Those that have errors which are not estimated, in the flat parameters of all cameras, and their deviations."""
+        camera, kind = np.nonzero(self.prior.lens)
+        return camera * len(NAMES) + np.array([CX, CY, K1])[kind], self.prior.lens[camera, kind]
+
+    def _lens_errors(self, state: State) -> Array:
+        """Changes (3 n, errors) of residuals by errors of lenses that are not estimated, of one standard deviation each."""
+        base, flat = self.predicted(state), list(zip(*(part.tolist() for part in self._lens_parameters()), strict=True))
+        root = 1 / np.sqrt(1 + (self.residuals(state) ** 2).sum(axis=1) / CAUCHY**2)
+        out = np.zeros((len(base), 3, len(flat)))
+        for p in {one % len(NAMES) for one, _ in flat}:
+            d = (self.predicted(state, ("camera", p), float(STEPS[p])) - base) / STEPS[p] / self.sigma * root[:, None]
+            for column, (one, sigma) in enumerate(flat):
+                if one % len(NAMES) == p:
+                    own = self.of_view[one // len(NAMES)]
+                    out[own, :, column] = np.where(np.isfinite(d[own]), d[own], 0.0) * sigma
+        return out.reshape(-1, len(flat))
 
     def _common_errors(self, state: State) -> Array:
         """Residuals (3 n, errors) by errors of edges that all boxes of a camera have, of one standard deviation each: constant, and with the size."""

@@ -27,6 +27,8 @@ EDGES = slice(GLOBALS.index("side"), len(GLOBALS))
 MEAN_STATURE = GLOBALS.index("stature")
 OF_BOXES = tuple(k for k in range(len(GLOBALS)) if k != MEAN_STATURE)
 """Those of GLOBALS that boxes depend on; the mean stature is in the prior of statures alone."""
+MOST_BENT = 0.13
+"""Most by which k1 draws the corners of an image inwards, as a share of their distance from the middle; at 4/27 the image folds."""
 LEAST_DEPTH = 0.05
 """m: points nearer to the plane of the lens have no pixel."""
 
@@ -59,14 +61,20 @@ def lens_of(camera: Camera, row: Array) -> Camera:
     return _lens(camera, *row[:PITCH].tolist())
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=256)
 def _lens(camera: LensCamera, focal: float, cx: float, cy: float, k1: float) -> LensCamera:
     """As lens_of. What a lens is checked for costs as much as its projection of some hundred points."""
     factor, width = float(np.exp(focal)), camera.width
     moved = replace(camera, fx=camera.fx * factor, fy=camera.fy * factor, cx=camera.cx + cx * width, cy=camera.cy + cy * width)
     if isinstance(camera, Pinhole) and k1:
+        k1 = max(k1, -MOST_BENT / corner_of(moved) ** 2)
         moved = replace(moved, distortion=(camera.distortion[0] + k1, *camera.distortion[1:]))  # type: ignore[call-arg]
     return moved
+
+
+def corner_of(lens: LensCamera) -> float:
+    """Distance of the farthest corner of the image from the principal point, over the focal length."""
+    return float(np.hypot(max(lens.cx, lens.width - lens.cx) / lens.fx, max(lens.cy, lens.height - lens.cy) / lens.fy))
 
 
 def boxes_of(camera: Camera, row: Array, place: Array, stature: Array, body: Array) -> Array:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from tracker.calibration.adjustment import GLOBAL_PRIOR, ROUNDS, Adjusted, Prior, adjust
-from tracker.calibration.body import CX, CY, FOCAL, HEIGHT, K1, OFFSET, PITCH, ROLL, YAW, X, Y, angles_of, lens_of, pose_of
+from tracker.calibration.body import CX, CY, FOCAL, HEIGHT, K1, OFFSET, PITCH, ROLL, YAW, X, Y, angles_of, corner_of, lens_of, pose_of
 from tracker.calibration.boxes import linked_boxes
 from tracker.calibration.people import MOST, observations
 from tracker.calibration.refinement import changes, refine, unswapped
@@ -44,6 +44,8 @@ ROUGH = (8, 2500)
 """Steps, and most boxes, of an adjustment before all cameras are in the frame."""
 OTHER_CLOCK = 3.0
 """s: deviation of clock offsets before anything is known."""
+PRINCIPAL, BENT = 0.02, 0.04
+"""Deviations of principal points from the middle of the image, over its width; and of corners by k1, over their distance from the middle."""
 Progress = Callable[..., Iterable[Any]]
 
 
@@ -137,7 +139,7 @@ class _Calibrator:
         prior = self._prior(names)
         sigma = np.where((prior.sigma == 0) & (np.arange(11) > K1), np.inf, prior.sigma)
         sigma[:, FOCAL] = np.where([isinstance(self.views[name].camera, LensCamera) for name in names], USUAL_FOCAL[1], 0.0)
-        free = Prior(given, sigma, prior.body, prior.distances)
+        free = replace(prior, mean=given, sigma=sigma)
         for tight in (1.3, 0.8):
             seen = observations(self.views, self.rows, self.steps, tight)
             refined = refine([self.views[name].camera for name in names], seen, given, free, lost)
@@ -228,7 +230,7 @@ class _Calibrator:
         return cloud
 
     def _prior(self, names: list[str]) -> Prior:
-        mean, sigma = np.zeros((len(names), 11)), np.full((len(names), 11), np.inf)
+        mean, sigma, lens = np.zeros((len(names), 11)), np.full((len(names), 11), np.inf), np.zeros((len(names), 11))
         sigma[:, [CX, CY, K1]] = 0.0
         sigma[:, [FOCAL, ROLL, OFFSET]] = USUAL_FOCAL[1], ROLL_SIGMA, OTHER_CLOCK
         mean[:, HEIGHT], sigma[:, HEIGHT] = np.log(USUAL_HEIGHT[0]), USUAL_HEIGHT[1]
@@ -239,12 +241,12 @@ class _Calibrator:
             if "K" not in unknown or not isinstance(camera, LensCamera):
                 mean[k, FOCAL], sigma[k, FOCAL] = 0.0, 0.0
             elif isinstance(camera, Pinhole):
-                sigma[k, [CX, CY]] = 0.03 if self.known.principal else 0.0
-                sigma[k, K1] = 0.2 if self.known.k1 else 0.0
+                (sigma if self.known.principal else lens)[k, [CX, CY]] = PRINCIPAL
+                (sigma if self.known.k1 else lens)[k, K1] = BENT / corner_of(lens_of(camera, self.rows[name] * (np.arange(11) == FOCAL))) ** 2
             if name in self.known.heights:
                 mean[k, HEIGHT], sigma[k, HEIGHT] = np.log(self.known.heights[name]), 0.005
             if name in self.posed:
-                mean[k], sigma[k] = self.views[name].single.row, 0.0
+                mean[k], sigma[k], lens[k] = self.views[name].single.row, 0.0, 0.0
                 sigma[k, OFFSET] = OTHER_CLOCK if name != min(self.posed) else 0.0
         if not self.posed & set(names):
             sigma[0, [X, Y, YAW, OFFSET]] = 0.0
@@ -252,7 +254,7 @@ class _Calibrator:
         body[2] = (STATURE, 0.2) if self.known.stature is None else (self.known.stature, body[2, 1] if not self._scaled() else 0.1)
         index = {name: k for k, name in enumerate(names)}
         far = tuple((index[a], index[b], m, 0.005 * m) for (a, b), m in self.known.distances.items() if a in index and b in index)
-        return Prior(mean, sigma, body, far)
+        return Prior(mean, sigma, body, far, lens[:, [CX, CY, K1]])
 
     def _scaled(self) -> bool:
         """Whether something other than statures gives the scale."""
@@ -307,6 +309,7 @@ class _Calibrator:
             self.problems.append(f"all people walk on one line ({size}), which leaves the turns of cameras about it open")
         self.problems += self._contradictions(adjusted)
         sigma = np.sqrt(np.abs(np.diag(adjusted.covariance))).reshape(-1, 11)
+        sigma[:, [PITCH, ROLL, YAW]] = self._turns(adjusted, names)
         for k, name in enumerate(names):
             distance = float(np.median(np.hypot(*(places - adjusted.rows[k, [X, Y]]).T)))
             if sigma[k, FOCAL] > MOST_SIGMA[FOCAL]:
@@ -316,6 +319,23 @@ class _Calibrator:
                 self.problems.append(f"{name}: its angles are known to {np.degrees(sigma[k, [PITCH, ROLL, YAW]].max()):.1f}° only")
             elif np.hypot(*sigma[k, [X, Y]]) > MOST_PLACE * distance:
                 self.problems.append(f"{name}: its place is known to {np.hypot(*sigma[k, [X, Y]]):.2f} m only")
+
+    def _turns(self, adjusted: Adjusted, names: list[str]) -> Array:
+        """Deviations (n, 3) rad of pitch, roll and yaw of the middle of each image, against the camera that defines the world.
+
+        A principal point and the camera's turn are known together better than each.
+        """
+        T = np.zeros((len(names), 3, len(names), 11))
+        for k, name in enumerate(names):
+            lens, pitch = lens_of(self.views[name].camera, adjusted.rows[k]), float(adjusted.rows[k, PITCH])
+            wide = lens.width / lens.fx if isinstance(lens, LensCamera) else 0.0
+            T[k, range(3), k, [PITCH, ROLL, YAW]] = 1.0
+            T[k, :, k, CX] = 0.0, wide * np.tan(pitch), wide / np.cos(pitch)
+            T[k, 0, k, CY] = -wide
+        first = names.index(min(self.posed)) if self.posed else 0
+        T[:, 2] -= T[first, 2].copy()
+        T = T.reshape(3 * len(names), -1)
+        return np.asarray(np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", T, adjusted.covariance, T), 0.0)).reshape(-1, 3))
 
 
 def _value(found: list[Match]) -> float:

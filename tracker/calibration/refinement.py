@@ -74,7 +74,7 @@ def _solved(problem: Problem, moved: Mask) -> None:
 
 def _worst(problem: Problem, moved: Mask, usable: Mask) -> int | None:
     """The camera against whose parameters the data speak most, of those that stay; None where none is significant."""
-    gradient, information, covariance = problem.information(marginal=True)
+    gradient, information, covariance, _ = problem.information(marginal=True)
     flat = moved.ravel()[problem.free]
     out = np.append(flat, np.ones(len(GLOBALS), dtype=bool))
     best: tuple[float, int] | None = None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,12 @@ import pytest
 
 from tests.commands import pilsim
 from tests.tracker.calibration.blind_room import blind, late, place_errors, tilt_errors, walked_room
+from tests.tracker.recordings.walked_room import LENS
 from tracker.calibration import calibrate
+from tracker.calibration.body import CX, CY, FOCAL, PITCH, ROLL
 from tracker.recordings import Recording
 from tracker.recordings.folder import read_recording, write_recording
+from tracker.recordings.recording import GUESSED_FOCAL
 
 
 def written(folder: Path, recording: Recording) -> None:
@@ -57,3 +61,17 @@ def test_four_cameras_from_nothing() -> None:
     assert np.abs(tilt_errors(found, room)).max() < 0.5
     assert place_errors(found, room).max() < 0.02 * 6.0
     assert abs(found.offsets["C2"] - 0.5) < 0.05
+
+
+@pytest.mark.soak
+def test_stated_deviations_hold_principal_points_off_the_middle() -> None:
+    room = walked_room(frames=240, lens=replace(LENS, cx=LENS.cx + 30.0, cy=LENS.cy - 25.0, distortion=(-0.03, 0.0, 0.0, 0.0, 0.0)))
+    found = calibrate(blind(room))
+    rows = found.rows.copy()
+    rows[:, FOCAL] -= np.log(800.0 / (GUESSED_FOCAL * 1280))
+    for name, row in zip(found.cameras, rows, strict=True):
+        sigma = found.sigma[name]
+        assert abs(row[FOCAL]) < 3 * sigma[FOCAL]
+        assert np.allclose(sigma[[CX, CY]], 0.02)
+    tilt = np.radians(tilt_errors(found, room))
+    assert (np.abs(tilt) < 3 * np.array([found.sigma[name][[PITCH, ROLL]] for name in found.cameras])).all()

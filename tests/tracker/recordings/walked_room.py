@@ -20,19 +20,20 @@ CORNERS = ((0.0, 0.0, 2.4), (12.0, 0.3, 2.8), (11.7, 8.0, 2.2), (0.2, 7.7, 3.0))
 """m: places of the cameras C1 to C4, which look at points near the middle."""
 FALSE = 0.2
 """False boxes of a camera and frame."""
+LENS = Pinhole(1280, 720, 800.0, 800.0, 639.5, 359.5)
 
 
-def camera_at(place: tuple[float, float, float], target: tuple[float, float, float]) -> RecordingCamera:
+def camera_at(place: tuple[float, float, float], target: tuple[float, float, float], lens: Pinhole = LENS) -> RecordingCamera:
     """A camera at a place, m, that looks at a target, m."""
     ahead = np.subtract(target, place) / np.linalg.norm(np.subtract(target, place))
     left = np.cross([0.0, 0.0, 1.0], ahead)
     left /= np.linalg.norm(left)
     rotation = np.stack([ahead, left, np.cross(ahead, left)], axis=1)
-    return RecordingCamera(Pinhole(1280, 720, 800.0, 800.0, 639.5, 359.5), Pose(rotation, np.array(place)))
+    return RecordingCamera(lens, Pose(rotation, np.array(place)))
 
 
 @cache
-def walked_room(people: int = 8, frames: int = 160, seed: int = 0, speed: float = 1.1) -> Recording:
+def walked_room(people: int = 8, frames: int = 160, seed: int = 0, speed: float = 1.1, lens: Pinhole = LENS) -> Recording:
     """4 frames/s; misses of 10 % and edges of 2 % of a box, and false boxes anywhere. speed: m/s; 0 for people who stand."""
     rng = np.random.default_rng(seed)
     rate = 4.0
@@ -45,7 +46,7 @@ def walked_room(people: int = 8, frames: int = 160, seed: int = 0, speed: float 
         heading = np.where(out, np.arctan2(*(np.array(SIZE) / 2 - places).T[::-1]), heading)
         places = np.where(out[:, None], places, step)
         truth[frame] = np.arange(1, people + 1), np.column_stack([places, np.zeros(people)])
-    cameras = {f"C{k + 1}": camera_at(place, (6.0 + k / 5, 4.0 - k / 5, 0.8)) for k, place in enumerate(CORNERS)}
+    cameras = {f"C{k + 1}": camera_at(place, (6.0 + k / 5, 4.0 - k / 5, 0.8), lens) for k, place in enumerate(CORNERS)}
     room = projected_boxes(Recording(rate, cameras, {}, truth, area=[[0, 0], list(SIZE)]), BoxNoise(0.1, 0.02), seed)
     return room.with_detections({name: _with_false_boxes(boxes, rng) for name, boxes in room.detections.items()})
 
