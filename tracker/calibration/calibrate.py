@@ -242,7 +242,7 @@ class _Calibrator:
                 mean[k, FOCAL], sigma[k, FOCAL] = 0.0, 0.0
             elif isinstance(camera, Pinhole):
                 (sigma if self.known.principal else lens)[k, [CX, CY]] = PRINCIPAL
-                (sigma if self.known.k1 else lens)[k, K1] = BENT / corner_of(lens_of(camera, self.rows[name] * (np.arange(11) == FOCAL))) ** 2
+                (sigma if self.known.k1 else lens)[k, K1] = BENT * (np.exp(self.rows[name][FOCAL]) / corner_of(camera)) ** 2
             if name in self.known.heights:
                 mean[k, HEIGHT], sigma[k, HEIGHT] = np.log(self.known.heights[name]), 0.005
             if name in self.posed:
@@ -334,8 +334,8 @@ class _Calibrator:
             T[k, 0, k, CY] = -wide
         first = names.index(min(self.posed)) if self.posed else 0
         T[:, 2] -= T[first, 2].copy()
-        T = T.reshape(3 * len(names), -1)
-        return np.asarray(np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", T, adjusted.covariance, T), 0.0)).reshape(-1, 3))
+        variance = np.einsum("ij,jk,ik->i", flat := T.reshape(3 * len(names), -1), adjusted.covariance, flat)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)).reshape(-1, 3))
 
 
 def _value(found: list[Match]) -> float:
