@@ -428,7 +428,7 @@ class Problem:
                 if one % len(NAMES) == p:
                     own = self.of_view[one // len(NAMES)]
                     out[own, :, column] = np.where(np.isfinite(d[own]), d[own], 0.0) * sigma
-        return out.reshape(-1, len(flat))
+        return out.reshape(3 * len(base), len(flat))
 
     def _common_errors(self, state: State) -> Array:
         """Residuals (3 n, errors) by errors of edges that all boxes of a camera have, of one standard deviation each: constant, and with the size."""
