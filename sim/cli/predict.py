@@ -16,8 +16,7 @@ from tracker.options import Ending, Least
 
 if TYPE_CHECKING:
     from sim.datasets.presets import Preset
-    from sim.prediction.predict import PredictionPlan
-    from sim.prediction.prediction import Cells
+    from sim.prediction import Cells, PredictionPlan
 
 
 @dataclass(frozen=True)
@@ -69,8 +68,7 @@ class Predict:
 
     def run(self) -> None:
         from sim.parallel.pool import Pool
-        from sim.prediction.predict import predict
-        from sim.prediction.prediction import PredictionRecord
+        from sim.prediction import PredictionRecord, predict
         from sim.recording.record import versions
         from tracker.io.atomic import write_text
         from tracker.io.progress import progress_bar
@@ -104,7 +102,7 @@ class Predict:
         return command_line(self, ("out", "json", "workers"), repeated=("detections",))
 
     def _plan(self) -> PredictionPlan:
-        from sim.prediction.predict import FITTED, PredictionPlan, parse_frames
+        from sim.prediction import FITTED, PredictionPlan, parse_frames
         from tracker.detector_models.model import INDEPENDENT, chosen_model
 
         if self.fit and self.detector_model:
@@ -126,7 +124,7 @@ class Predict:
     def _place(self) -> Preset | None:
         """The place, its people, cameras and robots; None for a recording. Raises ValueError where it is not one of both."""
         from sim.datasets.presets import preset_of
-        from sim.prediction.predict import parse_frames
+        from sim.prediction import parse_frames
 
         changes = given(self.scene) | ({} if self.fixed_cameras is None else {"views": self.fixed_cameras})
         if (self.source is None) == (self.scene.world is None) or (self.source is not None and changes):

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from sim.confidence_intervals import Interval
-from sim.prediction.prediction import ERRORS, KINDS, REAL, SCORES, Cells, Prediction, PredictionRecord, interval_text, number_text, read_prediction
+from sim.prediction import ERRORS, KINDS, REAL, SCORES, Cells, Prediction, PredictionRecord, interval_text, number_text, read_prediction
 from sim.report.findings import CAUSES, GLOSSARY, listed, plural
 from sim.report.page import PageFigure, PageSweep, PageTable, render
 from sim.report.plots import Bars, Line, Plot, save

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sim.prediction.predict import fit_views
+from sim.prediction import fit_views
 from sim.tuning.case_file import PopulationCase, case_path, read_case, rows_of, true_robot, write_case
 from sim.tuning.detectors import BODY_WIDTH, CameraErrors, DrawnDetector, drawn_detector
 from sim.tuning.kinds import BLOCK, CaseScene, rover_camera, rover_poses, scene

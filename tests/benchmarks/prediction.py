@@ -18,8 +18,7 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import kendalltau, spearmanr
 
-from sim.prediction.predict import FITTED, PredictionPlan, fit_views, open_halves, predict, twin
-from sim.prediction.prediction import Prediction
+from sim.prediction import FITTED, Prediction, PredictionPlan, fit_views, open_halves, predict, twin
 from sim.stress.tracker_under_test import TrackerUnderTest
 from tests.conftest import DATA
 from tracker.detector_models.comparison import distances

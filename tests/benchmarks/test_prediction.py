@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from sim.prediction.predict import outcome
-from sim.prediction.prediction import FIGURES, Forecast, Outcome, Prediction
+from sim.prediction import FIGURES, Forecast, Outcome, Prediction, outcome
 from sim.stress.tracker_under_test import TrackerUnderTest
 from tests.benchmarks import prediction
 from tests.benchmarks.room import room

@@ -8,8 +8,7 @@ import pytest
 
 from sim.cli.main import main
 from sim.confidence_intervals import bounds_of, one_more_interval
-from sim.prediction import PredictionPlan, predict
-from sim.prediction.predict import fit_views, open_halves, twin
+from sim.prediction import PredictionPlan, fit_views, open_halves, predict, twin
 from sim.stress.tracker_under_test import TrackerUnderTest
 from tests.tracker.recordings.walked_room import walked_room
 from tests.worlds.places.samples import write_house

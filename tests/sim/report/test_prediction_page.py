@@ -11,8 +11,7 @@ from typing import Any
 import pytest
 
 from sim.confidence_intervals import one_more_interval
-from sim.prediction.predict import FITTED
-from sim.prediction.prediction import FIGURES, Forecast, Outcome, Prediction, PredictionRecord, read_prediction
+from sim.prediction import FIGURES, FITTED, Forecast, Outcome, Prediction, PredictionRecord, read_prediction
 from sim.report.prediction_page import plots, write_prediction_page
 from tracker.detector_models.model import INDEPENDENT
 from tracker.io.json_files import json_text
