@@ -1,4 +1,4 @@
-"""The prediction of a tracker's scores: figures and errors by cause of twins and of the real boxes, tables, and the file of `pilsim predict --out`.
+"""The prediction of a tracker's scores, with errors by cause, tables, and the file of `pilsim predict --out`.
 
 On a recording: twins of its second part by models fitted to its first, beside the real boxes. In a place: simulated people before its cameras.
 """
