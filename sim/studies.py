@@ -284,7 +284,7 @@ def _count_notes(form: StudyForm, cells: Cells) -> Iterator[str]:
 
 
 def _searched(material: Material, repetition: int, form: str, start: str) -> tuple[float, ...]:
-    """By the search alone, without branch and bound: once for time and MOTA, and once to write the graphs, some of which are then solved exactly.
+    """By the search alone, without branch and bound. A second run writes the graphs, some of which are then solved exactly.
 
     The gap is the share of the largest weight that the chosen cliques lack, NaN where no graph has a proof.
     """

@@ -1,4 +1,4 @@
-"""Cube map: perspective faces for any camera, a lookup table from its pixels to texels of the faces, and the sampling of the atlas of faces.
+"""Cube map: perspective faces for any camera, a lookup table from its pixels to texels of the faces, and its sampling.
 
 A face is a perspective view. A camera with a narrow field of view needs one face. Other cameras use the faces of a cube.
 Each face is cropped to the part that the camera sees, and unseen faces are left out.
