@@ -29,8 +29,6 @@ PERSON = 1
 """Category id."""
 CENTRE = 0.5
 """px: centre of the first pixel, from the corner of the image."""
-LARGEST = 2**53
-"""Ids from here on are not exact in JSON readers that use floats."""
 
 
 @dataclass(frozen=True)
@@ -120,9 +118,7 @@ class CocoFile:
         return len(self.images)
 
     def add(self, image: int, person: PersonAnnotation) -> None:
-        """Add an annotation of the image with that id. Raises ValueError for a person id above 2^53."""
-        if not 0 <= person.person < LARGEST:
-            raise ValueError(f"person is {person.person}, needs 0 to less than 2^53")
+        """Add an annotation of the image with that id."""
         seen = person.visibility > 0
         points = np.where(seen[:, None], person.pixels - CENTRE, 0.0)
         flags, width = person.visibility.tolist(), person.mask.width

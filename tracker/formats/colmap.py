@@ -27,17 +27,12 @@ MODELS = {"PINHOLE": (1, 4), "OPENCV": (4, 8), "OPENCV_FISHEYE": (5, 8), "FULL_O
 
 @dataclass(frozen=True)
 class ColmapCamera:
-    """A camera: model of MODELS, size px, and parameters fx, fy, cx, cy px and distortion. Raises ValueError for another count of them."""
+    """A camera: model of MODELS, size px, and parameters fx, fy, cx, cy px and distortion."""
 
     model: str
     width: int
     height: int
     parameters: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        count = MODELS[self.model][1]
-        if len(self.parameters) != count:
-            raise ValueError(f"camera has {len(self.parameters)} parameters, {self.model} needs {count}")
 
 
 @dataclass(frozen=True, eq=False)

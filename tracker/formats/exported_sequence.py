@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,15 +18,13 @@ from tracker.geometry import Array, Pose
 from tracker.geometry.cameras import Camera
 from tracker.io import image_files
 from tracker.io.atomic import is_free, new_folder
-from tracker.io.csv_tables import read_table
 from tracker.io.file_lock import folder_lock
 from tracker.io.image_files import decode_image
 from tracker.io.json_files import read_json
 from tracker.io.mot15 import Mot15Rows, rows_from_boxes
 from tracker.sequence.calibration import pose_from
-from tracker.sequence.reader import read_robot_detections, read_sequence
+from tracker.sequence.reader import image_bytes, read_detections, read_robot_detections, read_sequence
 from tracker.sequence.robot_sensors import read_imu, read_sensor_setup, read_stamps, read_wheels
-from tracker.sequence.schema import DETECTIONS
 from tracker.sequence.truth_tables import read_views
 from tracker.types import Detections, ImuSamples, RobotDetections, Sequence, Setup, Truth, ViewTruth, WheelSamples
 
@@ -145,24 +142,13 @@ class RecordedSequence:
     @cached_property
     def detections(self) -> dict[tuple[int, str], Detections]:
         """(frame, camera) → detections. Views without detections have no entry."""
-        table = read_table(self.folder / "detections.csv", DETECTIONS)
-        columns = np.column_stack([table[name] for name in list(DETECTIONS)[2:]]).reshape(-1, 9)
-        found: dict[tuple[int, str], list[int]] = {}
-        for row, key in enumerate(zip(table["frame"].tolist(), table["camera"].tolist(), strict=True)):
-            found.setdefault(key, []).append(row)
-        out = {}
-        for key, rows in found.items():
-            c = columns[rows]
-            bearing = c[:, :3] / np.linalg.norm(c[:, :3], axis=1, keepdims=True)
-            covariance = c[:, [6, 7, 7, 8]].reshape(-1, 2, 2)
-            out[key] = Detections(bearing, c[:, 3:5], c[:, 5], covariance, np.zeros((len(c), 0)))
-        return out
+        return read_detections(self.folder / "detections.csv", self.setup, range(len(self.truth)))
 
     @cached_property
     def robot_detections(self) -> dict[tuple[int, str], RobotDetections]:
         """(frame, camera) → other robots that are seen. Views that see none have no entry."""
         file = self.folder / "companions.csv"
-        return read_robot_detections(file, self.setup, range(len(self.truth))) if file.name in self._checksums else {}
+        return read_robot_detections(file, self.setup, range(len(self.truth))) if file.name in self._files else {}
 
     def detection_boxes(self, frame: int, camera: str) -> tuple[Array, Array]:
         """Detected boxes (n, 4) left, top, width, height px from the corner of the image, and confidence (n,)."""
@@ -180,19 +166,11 @@ class RecordedSequence:
         return rows_from_boxes({frame + 1: boxes for frame, boxes in self.camera_boxes(camera, origin).items()})
 
     @cached_property
-    def _checksums(self) -> dict[str, str]:
-        return {name: entry["sha256"] for name, entry in read_json(self.folder / "manifest.json")["files"].items()}
+    def _files(self) -> dict[str, Any]:
+        return dict(read_json(self.folder / "manifest.json")["files"])
 
     def _bytes(self, kind: str, camera: str, frame: int) -> tuple[bytes, Path]:
-        stem = f"{kind}/{camera}/{frame:06d}"
-        suffix = next((s for s in (JPEG, PNG) if stem + s in self._checksums), None)
-        if suffix is None:
-            raise ValueError(f"{self.folder / stem}: the manifest does not name it, neither {JPEG} nor {PNG}")
-        path = self.folder / (stem + suffix)
-        data = path.read_bytes()
-        if hashlib.sha256(data).hexdigest() != self._checksums[stem + suffix]:
-            raise ValueError(f"{path}: its SHA-256 is not the manifest's: truncated or changed")
-        return data, path
+        return image_bytes(self.folder, f"{kind}/{camera}/{frame:06d}", self._files)
 
     def image(self, frame: int, camera: str, suffix: str = JPEG) -> bytes:
         """The image as the bytes of a JPEG or PNG file: those of the sequence if its format matches, else encoded again (quality 95)."""
@@ -201,11 +179,11 @@ class RecordedSequence:
 
     def has_images(self, camera: str) -> bool:
         """Whether the manifest names images of the camera."""
-        return any(name.startswith(f"images/{camera}/") for name in self._checksums)
+        return any(name.startswith(f"images/{camera}/") for name in self._files)
 
     def image_suffix(self, camera: str) -> str:
         """The suffix of the camera's image files, that of frame 0."""
-        return JPEG if f"images/{camera}/{0:06d}{JPEG}" in self._checksums else PNG
+        return JPEG if f"images/{camera}/{0:06d}{JPEG}" in self._files else PNG
 
     def pixels(self, frame: int, camera: str) -> NDArray[np.uint8]:
         """The decoded image (H, W, 3), blue, green, red. The last one is kept, since six faces ask for one panorama."""
@@ -235,7 +213,7 @@ class RecordedSequence:
 
         Raises ValueError for a time before 0, which ROS and EuRoC do not hold, and for a clock without a time in each frame.
         """
-        if "stamps.csv" not in self._checksums:
+        if "stamps.csv" not in self._files:
             return self.stamps(epoch)
         rows = self._clocks.get(clock, np.zeros((0, 3)))
         if rows[:, 0].tolist() != list(range(len(self.truth))):
@@ -255,12 +233,12 @@ class RecordedSequence:
     @cached_property
     def imu(self) -> dict[str, ImuSamples]:
         """Robot → samples of its IMU; empty where the sequence has none."""
-        return read_imu(self.folder) if "imu.csv" in self._checksums else {}
+        return read_imu(self.folder) if "imu.csv" in self._files else {}
 
     @cached_property
     def wheels(self) -> dict[str, WheelSamples]:
         """Robot → samples of its wheel encoders; empty where the sequence has none."""
-        return read_wheels(self.folder) if "wheels.csv" in self._checksums else {}
+        return read_wheels(self.folder) if "wheels.csv" in self._files else {}
 
     def imu_noise(self, robot: str) -> ImuNoise:
         """The rate, place and noise of the IMU of a robot. Raises ValueError for fields of sensors.json that are no such numbers."""

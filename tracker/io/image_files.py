@@ -51,11 +51,6 @@ def range_counts(range_m: NDArray[np.float32]) -> NDArray[np.uint16]:
     return np.where(counts <= FARTHEST, counts, np.float32(0.0)).astype(np.uint16)
 
 
-def range_from_counts(counts: NDArray[np.uint16]) -> NDArray[np.float32]:
-    """(H, W) counts of a range image → (H, W) m along the ray, inf where the count is 0."""
-    return np.where(counts > 0, counts * np.float32(RANGE_UNIT), np.float32(np.inf)).astype(np.float32)
-
-
 def image_size(data: bytes) -> tuple[int, int] | None:
     """(height, width) of an image as it is shown, by its header: after the rotation that EXIF asks for. None for what is no image."""
     header = _header(data)

@@ -84,14 +84,8 @@ def read_trajectories(folder: Path) -> PlanarTrajectories:
 
 
 def _table(path: Path, header: str, number: str) -> tuple[Ints, Array]:
-    """Lines (n,) and rows (n, columns) of a table of finite numbers under `header`, those in column `number` whole and below 2^31.
-
-    Raises ValueError with file and line.
-    """
-    lines, table = read_numbered_table(path, dict.fromkeys(header.split(","), float))
-    values = table[number].astype(np.float64)
-    for k in np.flatnonzero((values != np.round(values)) | (np.abs(values) >= 1 << 31))[:1]:
-        raise ValueError(f"{path}:{lines[k]}: {number} is {values[k]:g}, needs a whole number below 2^31")
+    """Lines (n,) and rows (n, columns) of a table of finite numbers under `header`, whole in column `number`. Raises ValueError with file, line."""
+    lines, table = read_numbered_table(path, dict.fromkeys(header.split(","), float) | {number: int})
     return np.array(lines, dtype=np.int64), np.column_stack(list(table.values())).astype(np.float64)
 
 

@@ -15,13 +15,12 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from math import isfinite
 from pathlib import Path
 
 import numpy as np
 
 from tracker.geometry import Array, Ints
-from tracker.io.text_files import read_lines
+from tracker.io.csv_tables import read_rows
 from tracker.io.time_order import LARGEST_STEP_BACK, counted, first_large_step_back, time_order
 
 ROBOTS = range(1, 6)
@@ -123,16 +122,15 @@ def _robot(path: Path, number: int, subject_of: dict[int, int], subjects: set[in
 
 @dataclass(eq=False)
 class _Table:
-    """A table (n, columns) of finite numbers. row (n,): the row in the file of each, comments and blank lines not counted."""
+    """A table (n, columns) of finite numbers. line (n,): that of each row in the file."""
 
     path: Path
     values: Array
-    row: Ints
+    line: Ints
 
     def where(self, k: int) -> str:
         """Path and line of row k."""
-        holding = [number for number, line in read_lines(self.path) if line.partition("#")[0].strip()]
-        return f"{self.path}:{holding[int(self.row[k])]}"
+        return f"{self.path}:{self.line[k]}"
 
     def sort(self) -> str:
         """Sort by time and merge repeated rows; a note on both. Raises ValueError for a time out of bounds, and for a large step back."""
@@ -141,18 +139,17 @@ class _Table:
             raise ValueError(f"{self.where(k)}: time is {times[k]:.6g}, needs seconds, at most {MAX_TIME:.0e}")
         if fault := first_large_step_back(times):
             k, before = fault
-            line = self.where(before).rpartition(":")[2]
-            steps = f"time is {times[k]:.3f} after {times[before]:.3f} in line {line}"
+            steps = f"time is {times[k]:.3f} after {times[before]:.3f} in line {self.line[before]}"
             raise ValueError(f"{self.where(k)}: {steps}, needs steps back of less than {LARGEST_STEP_BACK} s")
         order = time_order(self.values)
-        self.values, self.row = self.values[order.rows], self.row[order.rows]
+        self.values, self.line = self.values[order.rows], self.line[order.rows]
         return order.note(self.path.name)
 
     def merge_repeated(self) -> str:
         """Leave out rows that equal one before; a note on them."""
-        first = np.sort(np.unique(self.values, axis=0, return_index=True)[1]) if len(self.values) else self.row
+        first = np.sort(np.unique(self.values, axis=0, return_index=True)[1]) if len(self.values) else self.line
         repeated = len(self.values) - len(first)
-        self.values, self.row = self.values[first], self.row[first]
+        self.values, self.line = self.values[first], self.line[first]
         return f"{self.path.name}: {counted(repeated, 'repeated row')} merged" if repeated else ""
 
     def whole_numbers(self, columns: tuple[int, ...], unique: int) -> list[tuple[int, ...]]:
@@ -163,39 +160,13 @@ class _Table:
                 if not 0 <= row[column] <= MAX_VALUE or row[column] != round(row[column]):
                     raise ValueError(f"{self.where(k)}: value {column + 1} is {row[column]:g}, needs a whole number from 0 to {MAX_VALUE:g}")
             if seen.setdefault(row[unique], k) != k:
-                raise ValueError(
-                    f"{self.where(k)}: value {unique + 1} is {row[unique]:g} as in line {self.where(seen[row[unique]]).rpartition(':')[2]}"
-                )
+                raise ValueError(f"{self.where(k)}: value {unique + 1} is {row[unique]:g} as in line {self.line[seen[row[unique]]]}")
         return [tuple(int(row[column]) for column in columns) for row in self.values.tolist()]
 
 
 def _table(path: Path, columns: int) -> _Table:
     """Read a table of finite numbers, whose first column is a time or a subject. Raises ValueError with path and line."""
-    try:
-        lines = list(read_lines(path))
-    except FileNotFoundError:
-        raise ValueError(f"{path}: no such file") from None
-    if not any(line.partition("#")[0].strip() for _, line in lines):
-        return _Table(path, np.zeros((0, columns)), np.zeros(0, dtype=np.int64))
-    try:
-        values = np.loadtxt([line for _, line in lines], ndmin=2)
-        if values.shape[1] == columns and np.isfinite(values).all() and (np.abs(values[:, 1:]) <= MAX_VALUE).all():
-            return _Table(path, values, np.arange(len(values)))
-    except ValueError:
-        pass
-    # The fast parser does not tell the line of an error.
-    for number, line in lines:
-        cells = line.partition("#")[0].split()
-        if cells and not _valid(cells, columns):
-            raise ValueError(
-                f"{path}:{number}: row is {line.strip()[:60]!r}, needs {columns} finite numbers, after the first of at most {MAX_VALUE:g}"
-            )
-    raise ValueError(f"{path}: cannot be read, needs rows of {columns} numbers")
-
-
-def _valid(cells: list[str], columns: int) -> bool:
-    try:
-        numbers = [float(cell) for cell in cells]
-    except ValueError:
-        return False
-    return len(numbers) == columns and all(map(isfinite, numbers)) and max(map(abs, numbers[1:])) <= MAX_VALUE
+    lines, values = read_rows(path, [f"value {k + 1}" for k in range(columns)], separator=None, comment="#")
+    for k, column in np.argwhere(np.abs(values[:, 1:]) > MAX_VALUE)[:1].tolist():
+        raise ValueError(f"{path}:{lines[k]}: value {column + 2} is {values[k, column + 1]:g}, needs at most {MAX_VALUE:g} in size")
+    return _Table(path, values, lines)

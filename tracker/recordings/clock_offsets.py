@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from tracker.io.text_files import named_values, parse_number
 from tracker.recordings.calibration_feet import CalibrationCase
 from tracker.recordings.calibration_timing import ERRORS, LEAST_DELAY, delays_among
-from tracker.recordings.clocks import LONGEST, CameraClock
+from tracker.recordings.clocks import CameraClock
 from tracker.recordings.recording import Recording
 
 AUTO = "auto"
@@ -17,19 +18,8 @@ _GRAMMAR = "auto, or CAMERA=SECONDS,... (later is positive)"
 
 def parsed_offsets(text: str, cameras: list[str]) -> dict[str, float]:
     """Camera → s by which its pictures are later than it says. Raises ValueError for another text and an unknown camera."""
-    out: dict[str, float] = {}
-    for item in text.split(","):
-        name, equals, number = (part.strip() for part in item.partition("="))
-        try:
-            seconds = float(number)
-        except ValueError:
-            seconds = np.nan
-        if not equals or not abs(seconds) <= LONGEST or name in out:
-            raise ValueError(f"--offsets has {item.strip()[:60]!r}, needs {_GRAMMAR}")
-        if name not in cameras:
-            raise ValueError(f"--offsets has camera {name[:40]!r}, needs one of {', '.join(cameras)}")
-        out[name] = seconds
-    return out
+    given = named_values(text, cameras, "--offsets has", f"{_GRAMMAR}, with CAMERA one of {', '.join(cameras)}")
+    return {name: parse_number(number, f"--offsets has {name}, which") for name, number in given.items()}
 
 
 def estimated_offsets(recording: Recording) -> dict[str, float]:

@@ -13,10 +13,13 @@ from tracker.geometry import Array, Pose
 from tracker.geometry.cameras import Camera
 from tracker.geometry.ground import Ground
 from tracker.geometry.image_boxes import body_boxes, boxes_from_edges, clipped
+from tracker.io.text_files import named_values
 from tracker.recordings.recording import FrameBoxes, Recording
 
 HEIGHTS = (1.5, 2.0)
 """m: lowest and highest stature for false boxes."""
+BODY = 1.75, 0.5
+"""m: height and width of the cylinder that stands for a body."""
 WIDTH = 0.4
 """Width of a false box over its height."""
 MAX_TRIES = 20
@@ -33,14 +36,11 @@ def stream(seed: int, name: str) -> np.random.Generator:
 def _parsed(text: str, kinds: Mapping[str, type], option: str) -> dict[str, Any]:
     """Parse NAME=NUMBER,... in any order, each at most once. kinds: name → int or float. Raises ValueError that names the invalid part."""
     given: dict[str, Any] = {}
-    for part in filter(None, (p.strip() for p in text.split(","))):
-        name, _, value = part.partition("=")
-        if name not in kinds or name in given:
-            raise ValueError(f"{option} has {part!r}, needs {', '.join(n + '=…' for n in kinds)}, each once")
+    for name, value in named_values(text, kinds, f"{option} has", f"{', '.join(n + '=…' for n in kinds)}, each once").items():
         try:
             given[name] = kinds[name](value)
         except ValueError:
-            raise ValueError(f"{option} has {part!r}, needs a {'whole ' if kinds[name] is int else ''}number") from None
+            raise ValueError(f"{option} has '{name}={value}', needs a {'whole ' if kinds[name] is int else ''}number") from None
     return given
 
 
@@ -79,10 +79,10 @@ class BoxNoise:
         return out
 
 
-def projected_boxes(recording: Recording, noise: BoxNoise | None = None, seed: int = 0, body: tuple[float, float] = (1.75, 0.5)) -> Recording:
+def projected_boxes(recording: Recording, noise: BoxNoise | None = None, seed: int = 0) -> Recording:
     """The recording with the boxes of upright bodies at its true positions in place of its detections, in all cameras.
 
-    body: height and width, m, of the cylinder that stands for a body. Bodies hide nobody. A box is the part of a body's box in the image.
+    Bodies hide nobody. A box is the part of a body's box in the image.
     Each camera has a random stream of its own, by its name and `seed`. Cameras on robots need the robots' true poses.
     Raises ValueError for a recording without truth, and for a camera on a robot without true poses.
     """
@@ -95,11 +95,11 @@ def projected_boxes(recording: Recording, noise: BoxNoise | None = None, seed: i
         boxes: dict[int, tuple[Array, Array]] = {}
         for frame, (_, feet) in sorted(recording.truth.items()):
             pose = recording.pose_at(camera, frame)
-            box = np.zeros((0, 4)) if pose is None else body_boxes(camera.camera, pose, feet, body)
+            box = np.zeros((0, 4)) if pose is None else body_boxes(camera.camera, pose, feet, BODY)
             boxes[frame] = box, np.full(len(box), CONFIDENCE)
         detections[name] = boxes
     noisy = noisy_boxes(replace(recording, detections=detections, appearances={}, covariances={}, visible_parts={}), noise, seed)
-    made = {"height": body[0], "width": body[1], **noisy.source["noisy_boxes"]}
+    made = {"height": BODY[0], "width": BODY[1], **noisy.source["noisy_boxes"]}
     return replace(noisy, source={**recording.source, "projected_boxes": made})
 
 

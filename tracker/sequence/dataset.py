@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tracker.io.json_files import read_json
+from tracker.io.json_files import JsonObject, read_json
 
 SCHEMA = 1
 """Version of dataset.json; the manifest of each sequence has its own version."""
@@ -50,16 +50,12 @@ class Dataset:
 def read_dataset(folder: Path) -> Dataset:
     """Read dataset.json of a folder. Raises ValueError with the path for a missing file, another schema, and invalid fields."""
     path = folder / FILE
-    content = read_json(path)
-    schema = content.get("schema") if isinstance(content, dict) else None
-    if schema != SCHEMA:
-        raise ValueError(f"{path}: schema is {str(schema)[:80]}, this version reads {SCHEMA}")
+    content = JsonObject(read_json(path), str(path))
+    content.check_schema(SCHEMA)
     kinds: dict[str, type] = {"preset": str, "scenario": dict, "views": int, "form": dict, "sequences": list}
-    for name, kind in kinds.items():
-        if not isinstance(content.get(name), kind):
-            raise ValueError(f"{path}: {name} is {str(content.get(name))[:80]!r}, needs a JSON value of kind {kind.__name__}")
+    fields = {name: content.a(name, kind) for name, kind in kinds.items()}
     try:
-        return Dataset(**{name: content[name] for name in kinds} | {"sequences": tuple(content["sequences"])})
+        return Dataset(**fields | {"sequences": tuple(fields["sequences"])})
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 

@@ -6,9 +6,9 @@ README.md in that folder (schema.README) describes each file and column. `truth_
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Container, Iterator
+from collections.abc import Callable, Container, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -23,6 +23,8 @@ from tracker.sequence.manifest import check_file, read_manifest
 from tracker.sequence.schema import DETECTIONS, LAYERS, ODOMETRY, POSE, ROBOT_DETECTIONS, ROBOTS, SITS, UPPER_TRIANGLE
 from tracker.sequence.truth_tables import people_columns_of
 from tracker.types import Detections, Mount, Odometry, RobotDetections, Sequence, Setup, Tick, Truth, View
+
+T = TypeVar("T")
 
 
 def _sha256(data: bytes) -> str:
@@ -107,7 +109,7 @@ class _DiskTicks:
         self.folder, self.setup, self.count, self.files = folder, setup, count, files
         frames = range(count)
         self._odometry = rows_by_frame(folder / "odometry.csv", ODOMETRY, ("robot",), {"frame": frames, "robot": setup.starts})
-        self._detections = rows_by_frame(folder / "detections.csv", DETECTIONS, (), {"frame": frames, "camera": setup.mounts})
+        self._detections = read_detections(folder / "detections.csv", setup, frames)
         self._robot_detections = read_robot_detections(folder / "companions.csv", setup, frames) if "companions.csv" in files else None
 
     def __len__(self) -> int:
@@ -119,14 +121,13 @@ class _DiskTicks:
 
     def __iter__(self) -> Iterator[Tick]:
         for k, odometry in enumerate(self.odometry()):
-            boxes = self._detections.get(k, [])
             yield Tick(
                 k,
                 k * self.setup.period,
                 tuple(
                     View(
                         name,
-                        _detections([row for row in boxes if row["camera"] == name], f"{self.folder / 'detections.csv'}: frame {k} of {name}"),
+                        self._detections.get((k, name), Detections.none()),
                         odometry=odometry.get(mount.robot),
                         image=self._image(f"images/{name}/{k:06d}", mount),
                         robot_detections=None if self._robot_detections is None else self._robot_detections.get((k, name), RobotDetections.none()),
@@ -136,13 +137,7 @@ class _DiskTicks:
             )
 
     def _image(self, stem: str, mount: Mount) -> Image:
-        name = next((stem + ending for ending in (".jpg", ".png") if stem + ending in self.files), None)
-        if name is None:
-            raise ValueError(f"{self.folder / stem}.jpg: the manifest does not name it")
-        path = self.folder / name
-        data = path.read_bytes()
-        if _sha256(data) != self.files[name]["sha256"]:
-            raise ValueError(f"{path}: its SHA-256 is not the manifest's: truncated or changed")
+        data, path = image_bytes(self.folder, stem, self.files)
         try:
             image = decode_image(data, (mount.camera.height, mount.camera.width), cv2.IMREAD_COLOR)
         except ValueError as error:
@@ -150,21 +145,55 @@ class _DiskTicks:
         return np.ascontiguousarray(image[:, :, ::-1], dtype=np.uint8)
 
 
+def image_bytes(folder: Path, stem: str, files: dict[str, Any]) -> tuple[bytes, Path]:
+    """The bytes and the path of an image by its name without suffix. files: of the manifest.
+
+    Raises ValueError with the path where the manifest does not name it, and where its SHA-256 is another.
+    """
+    name = next((stem + ending for ending in (".jpg", ".png") if stem + ending in files), None)
+    if name is None:
+        raise ValueError(f"{folder / stem}.jpg: the manifest does not name it, nor a .png")
+    data = (folder / name).read_bytes()
+    if _sha256(data) != files[name]["sha256"]:
+        raise ValueError(f"{folder / name}: its SHA-256 is not the manifest's: truncated or changed")
+    return data, folder / name
+
+
+def read_detections(path: Path, setup: Setup, frames: range) -> dict[tuple[int, str], Detections]:
+    """Read a table of boxes: (frame, camera) → detections. Views without detections have no entry. Raises ValueError as read_robot_detections."""
+
+    def detected(_: str, rows: list[dict[str, Any]]) -> Detections:
+        extent, confidence = np.array([[r["width"], r["height"]] for r in rows]), np.array([r["confidence"] for r in rows])
+        return Detections(_bearings(rows), extent, confidence, _covariances(rows), np.zeros((len(rows), 0)))
+
+    return _by_view(path, rows_by_frame(path, DETECTIONS, (), {"frame": frames, "camera": setup.mounts}), detected)
+
+
 def read_robot_detections(path: Path, setup: Setup, frames: range) -> dict[tuple[int, str], RobotDetections]:
     """Read a table of other robots that are seen: (frame, camera) → detections. Views without detections have no entry.
 
     frames: those that there are. Raises ValueError with the path for invalid rows, robots without a camera, and robots that detect themselves.
     """
-    found = dict[tuple[int, str], list[dict[str, Any]]]()
+
+    def detected(camera: str, rows: list[dict[str, Any]]) -> RobotDetections:
+        found = RobotDetections(_bearings(rows), tuple(row["robot"] for row in rows), _covariances(rows))
+        setup.check_robot_detections(camera, found)
+        return found
+
     known = {"frame": frames, "camera": setup.mounts, "robot": setup.starts}
-    for k, rows in rows_by_frame(path, ROBOT_DETECTIONS, ("camera", "robot"), known).items():
+    return _by_view(path, rows_by_frame(path, ROBOT_DETECTIONS, ("camera", "robot"), known), detected)
+
+
+def _by_view(path: Path, frames: dict[int, list[dict[str, Any]]], detected: Callable[[str, list[dict[str, Any]]], T]) -> dict[tuple[int, str], T]:
+    """(frame, camera) → what `detected` makes of its rows."""
+    found = dict[tuple[int, str], list[dict[str, Any]]]()
+    for k, rows in frames.items():
         for row in rows:
             found.setdefault((k, row["camera"]), []).append(row)
     out = {}
     for (k, camera), rows in found.items():
         try:
-            out[k, camera] = RobotDetections(_bearings(rows), tuple(row["robot"] for row in rows), _covariances(rows))
-            setup.check_robot_detections(camera, out[k, camera])
+            out[k, camera] = detected(camera, rows)
         except ValueError as error:
             raise ValueError(f"{path}: frame {k} of {camera}: {error}") from None
     return out
@@ -180,21 +209,6 @@ def odometry_from(row: dict[str, Any], where: str) -> Odometry:
         return Odometry(pose_from([row[c] for c in POSE]), covariance, up if up.any() else None, float(row["up_sigma"]))
     except ValueError as error:
         raise ValueError(f"{where}, {row['robot']}: {error}") from None
-
-
-def _detections(rows: list[dict[str, Any]], where: str) -> Detections:
-    if not rows:
-        return Detections.none()
-    try:
-        return Detections(
-            _bearings(rows),
-            np.array([[r["width"], r["height"]] for r in rows]),
-            np.array([r["confidence"] for r in rows]),
-            _covariances(rows),
-            np.zeros((len(rows), 0)),
-        )
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from None
 
 
 def _bearings(rows: list[dict[str, Any]]) -> Array:

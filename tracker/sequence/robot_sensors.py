@@ -13,7 +13,7 @@ import numpy as np
 
 from tracker.geometry import Array
 from tracker.io.csv_tables import read_table
-from tracker.io.json_files import read_json
+from tracker.io.json_files import JsonObject, read_json
 from tracker.sequence.schema import CLOCKS, IMU, INERTIAL, STAMPS, WHEEL_NAMES, WHEELS
 from tracker.types import ImuSamples, SensorSamples, SensorSetup, WheelSamples
 
@@ -106,15 +106,12 @@ def read_sensor_setup(folder: Path) -> SensorSetup:
 
 
 def _description(path: Path) -> dict[str, Any]:
-    content = read_json(path)
-    if not isinstance(content, dict) or not all(isinstance(entry, dict) for entry in content.values()):
-        raise ValueError(f"{path}: needs an object of objects")
-    for name, bounds in NUMBERS.items():
-        for number, (low, high) in bounds.items() if name in content else ():
-            value = content[name].get(number)
-            if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-                raise ValueError(f"{path}: {name}.{number} is {str(value)[:40]}, needs a number in [{low:g}, {high:g}]")
-    return content
+    content = JsonObject(read_json(path), str(path))
+    for name in content.values:
+        for number, (low, high) in NUMBERS.get(name, {}).items():
+            content.part(name).number(number, low, high)
+        content.part(name)
+    return content.values
 
 
 def _by_robot(folder: Path, name: str) -> dict[str, Array]:

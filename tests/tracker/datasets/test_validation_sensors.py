@@ -60,10 +60,10 @@ def test_faults_are_found(folder: Path, name: str, row: int, column: str, value:
     ("old", "new", "said"),
     [
         ('"rate": 198.0', '"rate": 200.0', "imu.csv: sample 0 of robot_0 is at 0.00505051 s, needs 0.005 s"),
-        ('"rate": 198.0', '"rate": "fast"', "sensors.json: imu.rate is fast, needs a number in [1, 10000]"),
+        ('"rate": 198.0', '"rate": "fast"', "sensors.json: imu: rate is 'fast', needs a number from 1 to 10000"),
         ('"gyro_noise": 0.0001', '"gyro_noise": 1e-6', "imu.csv: gyro of robot_0"),
         ('"wheels"', '"wheel"', "wheels.csv: sensors.json and truth/clocks.csv tell of no such table"),
-        ('"rate": 49.5', '"speed": 49.5', "sensors.json: wheels.rate is None, needs a number in [1, 10000]"),
+        ('"rate": 49.5', '"speed": 49.5', "sensors.json: wheels: rate is missing, needs a number from 1 to 10000"),
         ('"counts": 1024', '"counts": 1000', "wheels.csv: an angle of robot_0 is no whole count"),
     ],
 )

@@ -55,5 +55,5 @@ def test_images_are_copied_or_encoded_again(tmp_path: Path) -> None:
     again = cv2.imdecode(np.frombuffer(recording.image(2, "robot_1_camera", ".png"), np.uint8), cv2.IMREAD_COLOR)
     assert_array_equal(again, cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR))
     assert (recording.instances(0, "robot_0_camera") == 4).all()
-    with pytest.raises(ValueError, match=r"images/robot_1_camera/000009: the manifest does not name it, neither \.jpg nor \.png"):
+    with pytest.raises(ValueError, match=r"images/robot_1_camera/000009\.jpg: the manifest does not name it, nor a \.png"):
         recording.image(9, "robot_1_camera")

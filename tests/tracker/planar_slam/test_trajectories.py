@@ -99,7 +99,7 @@ def test_bad_files_are_named(tmp_path: Path, name: str, text: str, message: str)
         (5, lambda row: "-9" + row[row.index(",") :], "robots.csv:5: robot 1 has time -9.000, needs ascending times that all robots have"),
         (105, lambda row: "-9" + row[row.index(",") :], "robots.csv:105: robot 2 has time -9.000, needs ascending times that all robots have"),
         (201, lambda row: "", "robots.csv:200: robot 2 has 99 times, and robot 1 has 100, needs ascending times that all robots have"),
-        (4, lambda row: row.replace(",1,", ",1.5,", 1), "robots.csv:4: robot is 1.5, needs a whole number"),
+        (4, lambda row: row.replace(",1,", ",1.5,", 1), "robots.csv:4: robot is '1.5', needs a whole number"),
     ],
 )
 def test_bad_rows_are_named(tmp_path: Path, line: int, change: Callable[[str], str], message: str) -> None:

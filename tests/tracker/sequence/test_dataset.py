@@ -31,7 +31,7 @@ def test_only_complete_sequences_are_listed(tmp_path: Path) -> None:
     ("old", "new", "message"),
     [
         ('"schema": 1', '"schema": 7', "schema is 7, this version reads 1"),
-        ('"views": 4', '"views": "4"', "views is '4'"),
+        ('"views": 4', '"views": "4"', "views is str, needs int"),
         ("pilsun-00001", "../pilsun", "sequence is '../pilsun', needs a name of letters"),
         ("pilsun-00001", "pilsun-00000", "a name occurs twice"),
         ('"seed": 3', '"seed": Infinity', "holds Infinity"),

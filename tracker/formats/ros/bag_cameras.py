@@ -17,7 +17,7 @@ from tracker.formats.ros.frame_tree import FrameTree, bare
 from tracker.geometry import Pose
 from tracker.geometry.cameras import Camera, Panorama
 from tracker.io.image_files import image_size
-from tracker.io.json_files import read_json
+from tracker.io.json_files import JsonObject, read_json
 from tracker.recordings import RecordingCamera
 from tracker.recordings.camera_json import camera_from
 
@@ -94,11 +94,8 @@ class CameraFinder:
         """The cameras of a calibration file: recording.json, or its object of cameras alone. Raises ValueError for other content."""
         if file is None:
             return None
-        content = read_json(file)
-        entries = content.get("cameras", content) if isinstance(content, dict) else None
-        if not isinstance(entries, dict):
-            raise ValueError(f"{file}: needs an object with an entry for each camera, as `cameras` of recording.json")
-        return file, entries
+        content = JsonObject(read_json(file), str(file))
+        return file, (content.part("cameras") if "cameras" in content.values else content).values
 
     @cached_property
     def world(self) -> str:
