@@ -27,7 +27,7 @@ from tracker.clique.branch_and_bound import exact
 from tracker.clique.dimacs import read_graph
 from tracker.ekf.measurement_models import CameraPose, jacobians, robot_jacobians
 from tracker.geometry import Array, Ints, Pose, skew, tangent_basis
-from tracker.metrics.landmark_map import MapScore, score_map
+from tracker.metrics.landmark_map import score_map
 from tracker.metrics.trajectory import align
 from tracker.sequence.results import Results
 from tracker.slam import cramer_rao
@@ -112,7 +112,7 @@ def ate_bound(data: TrialData, history: LandmarkHistory | None = None) -> float 
     return problem.error()
 
 
-def map_score(data: TrialData, results: Results) -> MapScore | None:
+def map_score(data: TrialData, results: Results) -> dict[str, float | None] | None:
     """The score of the final map against the true landmarks that one robot saw MIN_SIGHTINGS times.
 
     The map is aligned by the alignment of the robots' paths. None where true landmarks are not known, and where the tracker reports no map.

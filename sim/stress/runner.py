@@ -30,7 +30,7 @@ from tracker.io.json_files import json_text
 from tracker.io.resume import check_same, holds_run
 from tracker.metrics.clear_mot import score
 from tracker.metrics.evaluation import evaluate
-from tracker.metrics.landmark_map import MapScore
+from tracker.metrics.landmark_map import MEASURES
 from tracker.person_detector.detector import PersonDetector
 from tracker.person_detector.network import PersonNetwork
 from tracker.sequence.results import Results
@@ -159,7 +159,7 @@ def trial_scores(data: TrialData, results: Results) -> dict[str, Any]:
         robots, reckoned = {}, {}
     out = {name: targets[name] for name in TARGETS}
     out |= {"mota_all": everybody["mota"], "ate_m": robots.get("ate_m"), "dead_reckoning_m": reckoned.get("ate_m")}
-    return out | {name: robots.get(name) for name in ROBOTS} | (bounds.map_score(data, results) or MapScore()).to_dict()
+    return out | {name: robots.get(name) for name in ROBOTS} | (bounds.map_score(data, results) or dict.fromkeys(MEASURES))
 
 
 @dataclass(frozen=True)

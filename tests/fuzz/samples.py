@@ -89,7 +89,7 @@ def pets(folder: Path) -> None:
 
 
 def dimacs(file: Path) -> None:
-    write_graph(file, Graph.from_edges([1.5, 2.0, 3.0, 4.0], [[0, 1], [1, 2], [0, 2], [2, 3]]))
+    write_graph(file, Graph.from_conflicts([1.5, 2.0, 3.0, 4.0], [[0, 3], [1, 3]]))
 
 
 def wildtrack_folder(folder: Path) -> None:

@@ -58,7 +58,7 @@ def read_graph(path: Path) -> Graph:
 
 
 def _graph(path: Path, weight: Array, edges: Ints) -> Graph:
-    """As Graph.from_edges, with less memory and a bound on it."""
+    """The graph of weight (n,) and edges (m, 2) of compatible vertices, with a bound on its memory."""
     apart = np.ones((len(weight), len(weight)), dtype=np.bool_)
     np.fill_diagonal(apart, False)
     apart[edges[:, 0], edges[:, 1]] = apart[edges[:, 1], edges[:, 0]] = False

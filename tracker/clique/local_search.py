@@ -8,11 +8,10 @@ of vertices that exclude each other, which are few for trackers and for hard ins
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tracker.clique import local_search_kernel
 from tracker.geometry import Array, Ints
@@ -20,13 +19,16 @@ from tracker.geometry.compilation import njit
 
 CHUNK = 20_000
 """Moves between two checks of the time."""
+L0, L_MAX, P0, ALPHA_R, ALPHA_S, PHI = 0.01, 0.1, 0.75, 0.8, 0.8, 7.0
+"""By the names of Benlic & Hao: strengths as shares of the vertices (L0, L_MAX), least probability of a directed perturbation (P0), those of
+random and of the strongest perturbations (ALPHA_R, ALPHA_S), and moves for which a dropped vertex is tabu (PHI)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Graph:
     """Vertices 0 to n − 1 with weights (n,) above 0, and conflicts in CSR form: pairs of vertices that exclude each other.
 
-    The conflicts of vertex v are conflict[start[v] : start[v + 1]], ascending. See `from_conflicts` and `from_edges`.
+    The conflicts of vertex v are conflict[start[v] : start[v + 1]], ascending. See `from_conflicts`.
     """
 
     weight: Array
@@ -49,35 +51,12 @@ class Graph:
         return Graph.from_rows(w, np.bincount(row, minlength=len(w)), column)
 
     @staticmethod
-    def from_matrix(weight: ArrayLike, conflict: NDArray[np.bool_]) -> Graph:
-        """The graph of weight (n,) and a symmetric matrix conflict (n, n): which vertices exclude each other.
-
-        Raises ValueError as from_conflicts does, and for a matrix of another shape or that is not symmetric.
-        """
-        w = np.array(weight, dtype=np.float64).reshape(-1)
-        if conflict.shape != (len(w), len(w)) or not np.array_equal(conflict, conflict.T):
-            raise ValueError(f"conflict has shape {conflict.shape}, needs a symmetric matrix of {len(w)} rows")
-        _check(w, np.repeat(np.flatnonzero(np.diagonal(conflict))[:, None], 2, axis=1))
-        column = np.flatnonzero(conflict) % max(len(w), 1)
-        return Graph.from_rows(w, np.count_nonzero(conflict, axis=1), column)
-
-    @staticmethod
     def from_rows(weight: Array, degree: Ints, conflict: Ints) -> Graph:
         """The graph of weight (n,), number of conflicts degree (n,), and the conflicts of each vertex in turn, ascending. Nothing is checked."""
         start = np.concatenate([[0], np.cumsum(degree)]).astype(np.int64)
         for array in (weight, start, conflict):
             array.flags.writeable = False
         return Graph(weight, start, conflict)
-
-    @staticmethod
-    def from_edges(weight: ArrayLike, edges: ArrayLike) -> Graph:
-        """The graph of weight (n,) and edges (m, 2) of compatible vertices; an edge may occur twice. Raises ValueError as from_conflicts does."""
-        w = np.array(weight, dtype=np.float64).reshape(-1)
-        e = np.asarray(edges, dtype=np.int64).reshape(-1, 2)
-        _check(w, e)
-        apart = ~np.eye(len(w), dtype=bool)
-        apart[e[:, 0], e[:, 1]] = apart[e[:, 1], e[:, 0]] = False
-        return Graph.from_matrix(w, apart)
 
     def __len__(self) -> int:
         return len(self.weight)
@@ -98,23 +77,6 @@ class Graph:
         inside[members] = True
         conflicts = np.concatenate([self.conflict[self.start[v] : self.start[v + 1]] for v in members] or [members])
         return int(inside.sum()) == len(members) and not bool(inside[conflicts].any())
-
-
-@dataclass(frozen=True)
-class Tuning:
-    """Parameters of the search by the names of Benlic & Hao.
-
-    T: local optima without a new best before the strongest perturbation. L0, Lmax: strengths as shares of the vertices. P0: least probability of a
-    directed perturbation. alpha_r, alpha_s: of random and of the strongest perturbations. phi: moves for which a dropped vertex is tabu.
-    """
-
-    T: int = 1000
-    L0: float = 0.01
-    Lmax: float = 0.1
-    P0: float = 0.75
-    alpha_r: float = 0.8
-    alpha_s: float = 0.8
-    phi: int = 7
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,13 +117,12 @@ class Limits:
 class Options:
     """start: vertices of a clique to start from, None for a greedy one. keep: number of distinct local optima that are kept.
 
-    progress: called with (weight, moves, seconds) at every check of the time.
+    T: local optima without a new best before the strongest perturbation.
     """
 
     start: ArrayLike | None = None
     keep: int = 1
-    tuning: Tuning = Tuning()
-    progress: Callable[[float, int, float], None] | None = None
+    T: int = 1000
 
 
 def search(graph: Graph, limits: Limits, seed: int = 0, options: Options | None = None) -> Found:
@@ -175,26 +136,18 @@ def search(graph: Graph, limits: Limits, seed: int = 0, options: Options | None 
         return Found(0.0, np.zeros(0, dtype=np.int64), 0, 0.0, ())
     if given.start is not None and not graph.is_clique(given.start):
         raise ValueError("start is no clique of this graph")
-    tuning, n = given.tuning, len(graph)
-    low = max(1, int(np.ceil(tuning.L0 * n)))
-    high = max(2, int(np.ceil(tuning.Lmax * n)))
+    n = len(graph)
     state = local_search_kernel.initial_state(graph.weight, graph.start, graph.conflict, np.uint64(seed), max(1, given.keep))
-    greedy = given.start is None
-    local_search_kernel.construct(state, np.zeros(0, np.int64) if given.start is None else np.asarray(given.start, dtype=np.int64), greedy)
-    numbers = (float(tuning.T), float(low), float(high), tuning.P0, tuning.alpha_r, tuning.alpha_s, float(tuning.phi))
+    start = np.zeros(0, np.int64) if given.start is None else np.asarray(given.start, dtype=np.int64)
+    local_search_kernel.construct(state, start, given.start is None)
+    numbers = (float(given.T), max(1.0, float(np.ceil(L0 * n))), max(2.0, float(np.ceil(L_MAX * n))), P0, ALPHA_R, ALPHA_S, PHI)
     cap = limits.moves if limits.moves is not None else np.iinfo(np.int64).max
     target = np.inf if limits.target is None else float(limits.target)
     while True:
-        chunk = cap if limits.seconds is None and given.progress is None else min(cap, int(state.counters[local_search_kernel.MOVES]) + CHUNK)
+        chunk = cap if limits.seconds is None else min(cap, int(state.counters[local_search_kernel.MOVES]) + CHUNK)
         local_search_kernel.run(state, numbers, chunk, target)
-        weight, moves, spent = (
-            float(state.totals[local_search_kernel.BEST]),
-            int(state.counters[local_search_kernel.MOVES]),
-            time.perf_counter() - began,
-        )
-        if given.progress:
-            given.progress(weight, moves, spent)
-        if moves >= cap or weight >= target or (limits.seconds is not None and spent >= limits.seconds):
+        weight, moves = float(state.totals[local_search_kernel.BEST]), int(state.counters[local_search_kernel.MOVES])
+        if moves >= cap or weight >= target or (limits.seconds is not None and time.perf_counter() - began >= limits.seconds):
             break
     optima = local_search_kernel.local_optima(state)
     best = np.flatnonzero(state.best)

@@ -19,7 +19,7 @@ from scipy.sparse import csr_array
 
 from tracker.clique.clique_cover import component_labels, conflict_classes, dominated, partition, violated_classes
 from tracker.clique.lagrangian_bound import ROOT_STEPS, BoundState, SetPacking, branch, minimize_bound
-from tracker.clique.local_search import Graph, Limits, Options, Tuning, search
+from tracker.clique.local_search import Graph, Limits, Options, search
 from tracker.geometry import Ints
 
 ROUNDS = 5
@@ -64,7 +64,7 @@ def heaviest_clique(graph: Graph, known: Ints, effort: Effort) -> tuple[Ints, bo
 def _component(graph: Graph, known: Ints, effort: Effort) -> tuple[Ints, bool]:
     """`heaviest_clique` for a graph whose conflicts are connected."""
     if effort.moves:
-        known = search(graph, Limits(moves=effort.moves), effort.seed, Options(start=known, tuning=Tuning(T=10))).vertices
+        known = search(graph, Limits(moves=effort.moves), effort.seed, Options(start=known, T=10)).vertices
     n = len(graph)
     first, member, group, groups = _classes(graph)
     best, best_weight = np.zeros(n, dtype=bool), np.array([graph.weight[known].sum()])

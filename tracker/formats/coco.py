@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracker.formats.exported_sequence import RecordedSequence, ltwh_from_edges
-from tracker.geometry import Array, Ints
 from tracker.io.atomic import write_text
 from tracker.types import KEYPOINT_NAMES, Boxes, ViewTruth
 
@@ -78,85 +77,6 @@ def encode_counts(counts: Iterable[int]) -> str:
     return "".join(out)
 
 
-@dataclass(frozen=True, eq=False)
-class PersonAnnotation:
-    """A person in an image: person id.
-
-    box (4,): left, top, width, height px of the visible part; full (4,): of the whole body. Pixels count from the corner of the image.
-    visible: visible fraction in [0, 1]. range m. mask of the visible part.
-    pixels (17, 2): key points px from the corner of the image. visibility (17,): 2 visible, 1 hidden, 0 not in the image.
-    """
-
-    person: int
-    box: Array
-    full: Array
-    visible: float
-    range: float
-    mask: Rle
-    pixels: Array
-    visibility: Ints
-
-
-@dataclass(eq=False)
-class CocoFile:
-    """The content of a COCO file: videos, images and annotations as JSON values, ids from 1."""
-
-    videos: list[dict[str, Any]] = field(default_factory=list)
-    images: list[dict[str, Any]] = field(default_factory=list)
-    annotations: list[dict[str, Any]] = field(default_factory=list)
-
-    def add_video(self, name: str, camera: str, sequence: str) -> int:
-        """Add the images of one camera of a sequence as a video; returns its id."""
-        self.videos.append({"id": len(self.videos) + 1, "name": name, "camera": camera, "sequence": sequence})
-        return len(self.videos)
-
-    def add_image(self, video: int, file: str, size: tuple[int, int], frame: int) -> int:
-        """Add an image; size: width, height px; frame from 0. Returns its id."""
-        width, height = size
-        image = {"id": len(self.images) + 1, "width": width, "height": height, "file_name": file, "video_id": video, "frame_id": frame}
-        self.images.append(image)
-        return len(self.images)
-
-    def add(self, image: int, person: PersonAnnotation) -> None:
-        """Add an annotation of the image with that id."""
-        seen = person.visibility > 0
-        points = np.where(seen[:, None], person.pixels - CENTRE, 0.0)
-        flags, width = person.visibility.tolist(), person.mask.width
-        self.annotations.append(
-            {
-                "id": len(self.annotations) + 1,
-                "image_id": image,
-                "video_id": self.images[image - 1]["video_id"],
-                "category_id": PERSON,
-                "track_id": person.person,
-                "bbox": person.box.tolist(),
-                "area": person.mask.area,
-                "segmentation": {"size": [person.mask.height, width], "counts": encode_counts(person.mask.counts)},
-                "iscrowd": 0,
-                "keypoints": [x for (u, v), flag in zip(points.tolist(), flags, strict=True) for x in (round(u, 2), round(v, 2), flag)],
-                "num_keypoints": int(seen.sum()),
-                "wraps": bool(person.box[0] + person.box[2] > width),
-                "bbox_full": person.full.tolist(),
-                "visibility": person.visible,
-                "range": person.range,
-            }
-        )
-
-
-def write_coco(path: Path, content: CocoFile, description: str) -> None:
-    """Write a JSON file. The same content gives the same bytes."""
-    category = {"id": PERSON, "name": "person", "supercategory": "person", "keypoints": list(KEYPOINT_NAMES), "skeleton": [*map(list, SKELETON)]}
-    whole = {
-        "info": {"description": description, "version": "1.0"},
-        "licenses": [],
-        "videos": content.videos,
-        "categories": [category],
-        "images": content.images,
-        "annotations": content.annotations,
-    }
-    write_text(path, json.dumps(whole, allow_nan=False) + "\n")
-
-
 README = """
     images/SEQUENCE/CAMERA/000000.jpg  images, RGB, frames from 0
     annotations/SEQUENCE.json          all annotations of a sequence
@@ -179,36 +99,61 @@ annotations count from 1 in every file. Who shows no pixel in an image has no an
 def export_coco(out: Path, recordings: Iterable[RecordedSequence]) -> list[str]:
     """Write images and one annotation file per sequence. Raises ValueError where instances and boxes of a view disagree."""
     (out / "annotations").mkdir()
+    category = {"id": PERSON, "name": "person", "supercategory": "person", "keypoints": list(KEYPOINT_NAMES), "skeleton": [*map(list, SKELETON)]}
     for recording in recordings:
-        content, videos = CocoFile(), {}
-        for camera in recording.cameras:
+        videos, images, annotations = list[Any](), list[Any](), list[Any]()
+        for number, camera in enumerate(recording.cameras, 1):
             (out / "images" / recording.name / camera).mkdir(parents=True)
-            videos[camera] = content.add_video(f"{recording.name}-{camera}", camera, recording.name)
+            videos.append({"id": number, "name": f"{recording.name}-{camera}", "camera": camera, "sequence": recording.name})
         for k in recording.frames():
-            for camera, size in recording.cameras.items():
-                file = f"{recording.name}/{camera}/{k:06d}.jpg"
+            for video, (camera, size) in enumerate(recording.cameras.items(), 1):
+                file, ids = f"{recording.name}/{camera}/{k:06d}.jpg", {"image_id": len(images) + 1, "video_id": video}
                 (out / "images" / file).write_bytes(recording.image(k, camera))
-                image = content.add_image(videos[camera], file, (size.width, size.height), k)
+                shape = {"width": size.width, "height": size.height}
+                images.append({"id": len(images) + 1, **shape, "file_name": file, "video_id": video, "frame_id": k})
                 for person in people_in_image(recording, k, camera):
-                    content.add(image, person)
-        write_coco(out / "annotations" / f"{recording.name}.json", content, f"{recording.name}: synthetic people by pilsim")
+                    annotations.append({"id": len(annotations) + 1, **ids, "category_id": PERSON, **person})
+        whole = {
+            "info": {"description": f"{recording.name}: synthetic people by pilsim", "version": "1.0"},
+            "licenses": [],
+            "videos": videos,
+            "categories": [category],
+            "images": images,
+            "annotations": annotations,
+        }
+        write_text(out / "annotations" / f"{recording.name}.json", json.dumps(whole, allow_nan=False) + "\n")
     return []
 
 
-def people_in_image(recording: RecordedSequence, frame: int, camera: str) -> list[PersonAnnotation]:
-    """The people with visible pixels in an image, in the order of the boxes."""
+def people_in_image(recording: RecordedSequence, frame: int, camera: str) -> list[dict[str, Any]]:
+    """The fields of annotations, but for their ids, of the people with visible pixels in an image, in the order of the boxes."""
     view: ViewTruth | None = recording.views.get((frame, camera))
-    found = encode_masks(recording.instances(frame, camera))
+    masks = encode_masks(recording.instances(frame, camera))
     boxes = view.boxes if view else Boxes.none()
     rows = [k for k, visible in enumerate(boxes.visible) if visible > 0]
-    if sorted(boxes.person[rows].tolist()) != list(found):
-        raise ValueError(f"{recording.folder}: instances of {camera} in frame {frame} show {list(found)}, the boxes {boxes.person[rows].tolist()}")
+    if sorted(boxes.person[rows].tolist()) != list(masks):
+        raise ValueError(f"{recording.folder}: instances of {camera} in frame {frame} show {list(masks)}, the boxes {boxes.person[rows].tolist()}")
     people = []
     for k in rows:
-        person = int(boxes.person[k])
         assert view is not None
-        point = int(np.flatnonzero(view.keypoints.person == person)[0])
-        pixels, visibility = view.keypoints.pixels[point], view.keypoints.visibility[point]
+        person = int(boxes.person[k])
+        point, mask = int(np.flatnonzero(view.keypoints.person == person)[0]), masks[person]
+        flags = view.keypoints.visibility[point]
+        points = np.where(flags[:, None] > 0, view.keypoints.pixels[point] - CENTRE, 0.0).tolist()
         seen, full = ltwh_from_edges(boxes.seen[[k]])[0], ltwh_from_edges(boxes.full[[k]])[0]
-        people.append(PersonAnnotation(person, seen, full, float(boxes.visible[k]), float(boxes.range[k]), found[person], pixels, visibility))
+        people.append(
+            {
+                "track_id": person,
+                "bbox": seen.tolist(),
+                "area": mask.area,
+                "segmentation": {"size": [mask.height, mask.width], "counts": encode_counts(mask.counts)},
+                "iscrowd": 0,
+                "keypoints": [x for (u, v), flag in zip(points, flags.tolist(), strict=True) for x in (round(u, 2), round(v, 2), flag)],
+                "num_keypoints": int((flags > 0).sum()),
+                "wraps": bool(seen[0] + seen[2] > mask.width),
+                "bbox_full": full.tolist(),
+                "visibility": float(boxes.visible[k]),
+                "range": float(boxes.range[k]),
+            }
+        )
     return people

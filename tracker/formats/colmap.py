@@ -23,6 +23,14 @@ from tracker.io.json_files import json_text
 
 MODELS = {"PINHOLE": (1, 4), "OPENCV": (4, 8), "OPENCV_FISHEYE": (5, 8), "FULL_OPENCV": (6, 12)}
 """Name of a model → its number in binary files, and how many parameters it has."""
+COLUMNS = {
+    "cameras": "CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]",
+    "images": "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then POINTS2D[]",
+    "points3D": "POINT3D_ID X Y Z R G B ERROR TRACK[]",
+}
+"""File of a model → what stands in its first line."""
+COLOR = (158, 143, 117)
+"""R, G, B of the points."""
 
 
 @dataclass(frozen=True)
@@ -56,52 +64,26 @@ class ColmapImage:
         return [*quaternion_from_rotation(self.T_optical_world.rotation).tolist(), *self.T_optical_world.translation.tolist()]
 
 
-@dataclass(frozen=True, eq=False)
-class ColmapModel:
-    """cameras and images, numbered from 1 in their order; points (n, 3) m, of the color (r, g, b) 0 to 255, without observations."""
+def write_model(folder: Path, cameras: Sequence[ColmapCamera], images: Sequence[ColmapImage], points: Array) -> None:
+    """Write cameras, images and points3D as .txt and as .bin, numbered from 1 in their order. Reading gives the same float64.
 
-    cameras: Sequence[ColmapCamera]
-    images: Sequence[ColmapImage]
-    points: Array
-    color: tuple[int, int, int]
-
-    def write(self, folder: Path) -> None:
-        """Write cameras, images and points3D as .txt and as .bin. Reading gives the same float64."""
-        write_text(folder / "cameras.txt", "# CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]\n" + "".join(self._camera_lines()))
-        write_text(folder / "images.txt", "# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then POINTS2D[]\n" + "".join(self._image_lines()))
-        write_text(folder / "points3D.txt", "# POINT3D_ID X Y Z R G B ERROR TRACK[]\n" + "".join(self._point_lines()))
-        (folder / "cameras.bin").write_bytes(self._cameras_binary())
-        (folder / "images.bin").write_bytes(self._images_binary())
-        (folder / "points3D.bin").write_bytes(self._points_binary())
-
-    def _camera_lines(self) -> list[str]:
-        return [f"{k} {c.model} {c.width} {c.height} {_text(c.parameters)}\n" for k, c in enumerate(self.cameras, 1)]
-
-    def _image_lines(self) -> list[str]:
+    points (n, 3) m: they have COLOR and no observations.
+    """
+    rows: dict[str, list[tuple[str, bytes]]] = {name: [] for name in COLUMNS}
+    for k, c in enumerate(cameras, 1):
+        number, count = MODELS[c.model]
+        binary = struct.pack(f"<IiQQ{count}d", k, number, c.width, c.height, *c.parameters)
+        rows["cameras"].append((f"{k} {c.model} {c.width} {c.height} {_text(c.parameters)}", binary))
+    for k, image in enumerate(images, 1):
         # The second line of an image lists its points: none.
-        return [f"{k} {_text(image.numbers)} {image.camera} {image.name}\n\n" for k, image in enumerate(self.images, 1)]
-
-    def _point_lines(self) -> list[str]:
-        color = " ".join(map(str, self.color))
-        return [f"{k} {_text(point)} {color} 0\n" for k, point in enumerate(self.points.tolist(), 1)]
-
-    def _cameras_binary(self) -> bytes:
-        parts = [struct.pack("<Q", len(self.cameras))]
-        for k, c in enumerate(self.cameras, 1):
-            number, count = MODELS[c.model]
-            parts.append(struct.pack(f"<IiQQ{count}d", k, number, c.width, c.height, *c.parameters))
-        return b"".join(parts)
-
-    def _images_binary(self) -> bytes:
-        parts = [struct.pack("<Q", len(self.images))]
-        for k, image in enumerate(self.images, 1):
-            parts.append(struct.pack("<I7dI", k, *image.numbers, image.camera) + image.name.encode() + b"\0" + struct.pack("<Q", 0))
-        return b"".join(parts)
-
-    def _points_binary(self) -> bytes:
-        parts = [struct.pack("<Q", len(self.points))]
-        parts += [struct.pack("<Q3d3BdQ", k, *point, *self.color, 0.0, 0) for k, point in enumerate(self.points.tolist(), 1)]
-        return b"".join(parts)
+        binary = struct.pack("<I7dI", k, *image.numbers, image.camera) + image.name.encode() + b"\0" + struct.pack("<Q", 0)
+        rows["images"].append((f"{k} {_text(image.numbers)} {image.camera} {image.name}\n", binary))
+    for k, point in enumerate(points.tolist(), 1):
+        binary = struct.pack("<Q3d3BdQ", k, *point, *COLOR, 0.0, 0)
+        rows["points3D"].append((f"{k} {_text(point)} {' '.join(map(str, COLOR))} 0", binary))
+    for name, columns in COLUMNS.items():
+        write_text(folder / f"{name}.txt", "".join(f"{line}\n" for line in (f"# {columns}", *(text for text, _ in rows[name]))))
+        (folder / f"{name}.bin").write_bytes(struct.pack("<Q", len(rows[name])) + b"".join(binary for _, binary in rows[name]))
 
 
 def _text(numbers: Sequence[float]) -> str:
@@ -128,7 +110,6 @@ centre; each face turns about it alone. rig_config.json: quaternion w, x, y, z a
 The points are grid points of the height map, thinned to at most 20,000. They have no color of their own, and no image observes them.
 """
 MOST_POINTS = 20_000
-COLOR = (158, 143, 117)
 
 
 def export_colmap(out: Path, recordings: Iterable[RecordedSequence]) -> list[str]:
@@ -149,7 +130,7 @@ def export_colmap(out: Path, recordings: Iterable[RecordedSequence]) -> list[str
                 listed.append(_image(recording, frame, view, number, name))
                 if view in pictured:
                     (images / name).write_bytes(view.image(recording, frame, suffix))
-        ColmapModel([colmap_camera(view.camera) for view in views], listed, _points(recording), COLOR).write(model)
+        write_model(model, [colmap_camera(view.camera) for view in views], listed, _points(recording))
         write_text(root / "rig_config.json", json_text(rig_configuration(recording, views), indent=1) + "\n")
         without = [name for name in recording.cameras if not recording.has_images(name)]
         notes += [f"{recording.name}: has no images of {', '.join(without)}; their poses are here."] if without else []

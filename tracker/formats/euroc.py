@@ -26,22 +26,6 @@ STATE = (
 """Columns of the three tables; their names stand in a first line after `#`."""
 
 
-def write_images(path: Path, stamps: Sequence[int], names: Sequence[str]) -> None:
-    """Write the table of a camera: times [ns] and names of the files in `data/`."""
-    _write(path, IMAGES, (f"{stamp},{name}" for stamp, name in zip(stamps, names, strict=True)))
-
-
-def write_imu(path: Path, stamps: Sequence[int], rates: Array, accelerations: Array) -> None:
-    """Write n times [ns], angular rates (n, 3) rad/s and specific forces (n, 3) m/s², both in the sensor's frame."""
-    _write(path, IMU, _rows(stamps, np.hstack([rates, accelerations])))
-
-
-def write_states(path: Path, stamps: Sequence[int], poses: Sequence[Pose], velocities: Array, biases: Array) -> None:
-    """Write n times [ns], poses T_R_S, velocities (n, 3) m/s in R, and biases (n, 6) of gyroscope rad/s and accelerometer m/s²."""
-    places = np.array([[*pose.translation, *quaternion_from_rotation(pose.rotation)] for pose in poses]).reshape(-1, 7)
-    _write(path, STATE, _rows(stamps, np.hstack([places, velocities, biases])))
-
-
 def sensor_yaml(kind: str, comment: str, T_body_sensor: Pose, fields: dict[str, str | float | Sequence[float]]) -> str:
     """The text of a sensor.yaml. kind: camera, imu or visual-inertial. fields: what else it says, in order."""
     matrix = np.eye(4)
@@ -54,12 +38,14 @@ def sensor_yaml(kind: str, comment: str, T_body_sensor: Pose, fields: dict[str, 
     return "\n".join(lines) + "\n"
 
 
-def _rows(stamps: Sequence[int], numbers: Array) -> Iterable[str]:
-    return (",".join([str(stamp), *(repr(float(x)) for x in row)]) for stamp, row in zip(stamps, numbers, strict=True))
+def write_table(path: Path, columns: Sequence[str], stamps: Sequence[int], rows: Iterable[str]) -> None:
+    """Write a table: times [ns], and what follows each of them."""
+    lines = [f"#{','.join(columns)}", *(f"{stamp},{row}" for stamp, row in zip(stamps, rows, strict=True))]
+    write_text(path, "".join(f"{line}\n" for line in lines))
 
 
-def _write(path: Path, columns: Sequence[str], rows: Iterable[str]) -> None:
-    write_text(path, "".join(f"{line}\n" for line in [f"#{','.join(columns)}", *rows]))
+def _texts(numbers: Array) -> Iterable[str]:
+    return (",".join(repr(float(x)) for x in row) for row in numbers)
 
 
 HALF_MICROSECOND = 5e-7
@@ -117,7 +103,7 @@ def export_euroc(out: Path, recordings: Iterable[RecordedSequence], epoch: int =
                 write_text(sensor / "sensor.yaml", camera_yaml(view, mount.T_body_camera @ view.T_camera_view @ OPTICAL, recording.rate))
                 if recording.has_images(view.source):
                     times = recording.clock_stamps(view.source, epoch)
-                    write_images(sensor / "data.csv", times, [f"{time}{PNG}" for time in times])
+                    write_table(sensor / "data.csv", IMAGES, times, [f"{time}{PNG}" for time in times])
                     (sensor / "data").mkdir()
                     pictured.append((sensor / "data", view, times))
             notes.append(f"{recording.name}, {robot}: " + ", ".join(f"cam{k} is {view.name}" for k, (_, view) in enumerate(shown)) + ".")
@@ -180,7 +166,8 @@ def _write_states(folder: Path, recording: RecordedSequence, robot: str, stamps:
         times = recording.setup.period * np.arange(len(poses)) + HALF_MICROSECOND
         last = np.maximum(np.searchsorted(samples.time, times, side="right") - 1, 0)
         biases = np.hstack([samples.gyro_bias[last], samples.force_bias[last]])
-    write_states(folder / "data.csv", stamps, poses, velocities(poses, stamps), biases)
+    places = np.array([[*pose.translation, *quaternion_from_rotation(pose.rotation)] for pose in poses]).reshape(-1, 7)
+    write_table(folder / "data.csv", STATE, stamps, _texts(np.hstack([places, velocities(poses, stamps), biases])))
     write_text(folder / "sensor.yaml", sensor_yaml("visual-inertial", "true states of the body", Pose.identity(), {"rate_hz": recording.rate}))
 
 
@@ -189,7 +176,8 @@ def _write_imu(folder: Path, recording: RecordedSequence, robot: str, epoch: int
     if (samples := recording.imu.get(robot)) is None:
         return
     folder.mkdir()
-    write_imu(folder / "data.csv", recording.nanoseconds(samples.stamp, epoch, robot), samples.gyro, samples.force)
+    stamps = recording.nanoseconds(samples.stamp, epoch, robot)
+    write_table(folder / "data.csv", IMU, stamps, _texts(np.hstack([samples.gyro, samples.force])))
     noise = recording.imu_noise(robot)
     fields: dict[str, str | float | Sequence[float]] = {
         "rate_hz": noise.rate,

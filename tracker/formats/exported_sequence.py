@@ -22,6 +22,7 @@ from tracker.io.file_lock import folder_lock
 from tracker.io.image_files import decode_image
 from tracker.io.json_files import read_json
 from tracker.io.mot15 import Mot15Rows, rows_from_boxes
+from tracker.recordings import RecordingCamera
 from tracker.sequence.calibration import pose_from
 from tracker.sequence.reader import image_bytes, read_detections, read_robot_detections, read_sequence
 from tracker.sequence.robot_sensors import read_imu, read_sensor_setup, read_stamps, read_wheels
@@ -49,14 +50,6 @@ def export_folder(source: Path, out: Path) -> Iterator[Path]:
         raise ValueError(f"{out}: is there already")
     with folder_lock(out), new_folder(out) as unfinished:
         yield unfinished
-
-
-@dataclass(frozen=True, eq=False)
-class FixedView:
-    """A fixed camera that is no panorama."""
-
-    camera: Camera
-    T_world_camera: Pose
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,16 +109,16 @@ class RecordedSequence:
         return {name: mount.camera for name, mount in self.setup.mounts.items()}
 
     @cached_property
-    def fixed(self) -> dict[str, FixedView]:
+    def fixed(self) -> dict[str, RecordingCamera]:
         """The fixed cameras that are no panoramas, in the order of the sequence."""
         out = {}
         for name, mount in self.setup.mounts.items():
             start = self.setup.starts[mount.robot]
             if not mount.camera.wraps and start is not None and self.setup.is_fixed(mount.robot):
-                out[name] = FixedView(mount.camera, start.T_world_robot @ mount.T_body_camera)
+                out[name] = RecordingCamera(mount.camera, start.T_world_robot @ mount.T_body_camera)
         return out
 
-    def require_fixed(self, form: str) -> dict[str, FixedView]:
+    def require_fixed(self, form: str) -> dict[str, RecordingCamera]:
         """As `fixed`. Raises ValueError with advice where there is no such camera."""
         if not self.fixed:
             raise ValueError(

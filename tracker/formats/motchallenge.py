@@ -7,7 +7,6 @@ A row with consider 0 does not count, and class 1 is a pedestrian. Frames count 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -31,39 +30,6 @@ def write_mot17(path: Path, frame: Ints, boxes: Boxes) -> None:
         box = ",".join(number(x) for x in (left[k], top[k], width[k], height[k]))
         rows.append(f"{frame[k]},{boxes.person[k]},{box},1,{PEDESTRIAN},{number(float(boxes.visible[k]))}\n")
     write_text(path, "".join(rows))
-
-
-@dataclass(frozen=True)
-class SeqInfo:
-    """The content of seqinfo.ini: name of the sequence, frames/s, number of frames, size of the images in px, their suffix and folder."""
-
-    name: str
-    rate: float
-    frames: int
-    width: int
-    height: int
-    suffix: str = ".jpg"
-    images: str = "img1"
-
-
-def write_seqinfo(path: Path, info: SeqInfo) -> None:
-    """Write seqinfo.ini with the keys of MOTChallenge."""
-    lines = [
-        "[Sequence]",
-        f"name={info.name}",
-        f"imDir={info.images}",
-        f"frameRate={number(info.rate)}",
-        f"seqLength={info.frames}",
-        f"imWidth={info.width}",
-        f"imHeight={info.height}",
-        f"imExt={info.suffix}",
-    ]
-    write_text(path, "\n".join(lines) + "\n")
-
-
-def write_seqmap(path: Path, names: Iterable[str]) -> None:
-    """Write the list of sequences that TrackEval reads; its first line is `name`."""
-    write_text(path, "\n".join(["name", *names]) + "\n")
 
 
 FIRST = 1.0
@@ -118,7 +84,7 @@ def export_mot17(out: Path, recordings: Iterable[RecordedSequence]) -> list[str]
             frame, boxes = _stacked(recording, camera)
             write_mot17(root / "gt" / "gt.txt", frame, boxes)
         _write_views(out / "MOT17-train", recording)
-    write_seqmap(_made(out / "seqmaps") / "MOT17-train.txt", names)
+    _write_seqmap(out, "MOT17", names)
     return []
 
 
@@ -135,8 +101,10 @@ def export_mot15(out: Path, recordings: Iterable[RecordedSequence]) -> list[str]
             full = ltwh_from_edges(boxes.full) + np.array([FIRST, FIRST, 0, 0])
             write_mot15(root / "gt" / "gt.txt", Mot15Rows(frame, boxes.person, full, (boxes.visible > 0).astype(float), positions))
         _write_views(out / "MOT15-train", recording)
-        write_mot15(_made(out / "MOT15-3D" / recording.name / "gt") / "gt.txt", ground_positions(recording))
-    write_seqmap(_made(out / "seqmaps") / "MOT15-train.txt", names)
+        ground = out / "MOT15-3D" / recording.name / "gt"
+        ground.mkdir(parents=True)
+        write_mot15(ground / "gt.txt", ground_positions(recording))
+    _write_seqmap(out, "MOT15", names)
     return []
 
 
@@ -168,11 +136,12 @@ def _stacked(recording: RecordedSequence, camera: str) -> tuple[Ints, Boxes]:
 
 def _view_folder(split: Path, recording: RecordedSequence, camera: str) -> Path:
     """Make the folder of one view with seqinfo.ini and det.txt."""
-    root = _made(split / f"{recording.name}-{camera}")
+    root, size = split / f"{recording.name}-{camera}", recording.cameras[camera]
     for name in ("img1", "gt", "det"):
-        _made(root / name)
-    size = recording.cameras[camera]
-    write_seqinfo(root / "seqinfo.ini", SeqInfo(root.name, recording.rate, len(recording.truth), size.width, size.height))
+        (root / name).mkdir(parents=True)
+    values = {"name": root.name, "imDir": "img1", "frameRate": number(recording.rate), "seqLength": len(recording.truth)}
+    values |= {"imWidth": size.width, "imHeight": size.height, "imExt": ".jpg"}
+    write_text(root / "seqinfo.ini", "[Sequence]\n" + "".join(f"{key}={value}\n" for key, value in values.items()))
     write_mot15(root / "det" / "det.txt", recording.detection_rows(camera, FIRST))
     return root
 
@@ -183,6 +152,7 @@ def _write_views(split: Path, recording: RecordedSequence) -> None:
             (split / f"{recording.name}-{camera}" / "img1" / f"{k + 1:06d}.jpg").write_bytes(recording.image(k, camera))
 
 
-def _made(folder: Path) -> Path:
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
+def _write_seqmap(out: Path, era: str, names: Iterable[str]) -> None:
+    """Write the list of sequences that TrackEval reads; its first line is `name`."""
+    (out / "seqmaps").mkdir()
+    write_text(out / "seqmaps" / f"{era}-train.txt", "\n".join(["name", *names]) + "\n")

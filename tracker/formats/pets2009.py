@@ -20,7 +20,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from tracker.formats.exported_sequence import FixedView, RecordedSequence, ltwh_from_edges
+from tracker.formats.exported_sequence import RecordedSequence, ltwh_from_edges
 from tracker.formats.source_options import SourceOptions, camera_named
 from tracker.geometry import Array, Ints, Pose
 from tracker.geometry.cameras import Camera, Tsai
@@ -306,7 +306,7 @@ def export_pets(out: Path, recordings: Iterable[RecordedSequence]) -> list[str]:
         for folder in ("annotations", "detections", "calibration", *names.values()):
             (root / folder).mkdir(parents=True)
         for camera, view in recording.fixed.items():
-            write_camera(root / "calibration" / f"{names[camera]}.xml", names[camera], _calibration(recording, camera), view.T_world_camera)
+            write_camera(root / "calibration" / f"{names[camera]}.xml", names[camera], _calibration(recording, camera), view.pose)
             rows = recording.detection_rows(camera, recording.cameras[camera].pixel_centre - 0.5)
             write_mot15(root / "detections" / f"{names[camera]}.txt", rows)
         first = next(camera for camera, name in names.items() if name == "View_001")
@@ -344,7 +344,7 @@ def annotations_of(recording: RecordedSequence, camera: str) -> Annotations:
     for truth in recording.truth:
         shown = recording.views[truth.index, camera].boxes
         body = ltwh_from_edges(shown.full) - np.array([shift, shift, 0, 0])
-        feet, _ = view.camera.pixels_from_bearings(view.T_world_camera.inverse().apply(_feet(truth.person_id, truth.feet, shown.person)))
+        feet, _ = view.camera.pixels_from_bearings(view.pose.inverse().apply(_feet(truth.person_id, truth.feet, shown.person)))
         box = np.column_stack([feet[:, 0] - body[:, 2] / 2, body[:, 1], body[:, 2], feet[:, 1] - body[:, 1]])
         fits = np.isfinite(box).all(axis=1) & (box[:, 3] > 0)
         out[truth.index] = shown.person, np.where(fits[:, None], box, body)
@@ -368,10 +368,10 @@ def _cropped(recording: RecordedSequence, camera: str, annotations: Annotations)
     return out
 
 
-def _projects_to_feet(recording: RecordedSequence, view: FixedView, box: Array, feet: Array) -> bool:
+def _projects_to_feet(recording: RecordedSequence, view: RecordingCamera, box: Array, feet: Array) -> bool:
     one = {0: (np.zeros(1, dtype=np.int64), box[None])}
     try:
-        cast = ground_truth(one, view.camera, view.T_world_camera, recording.setup.ground)[0][1][0]
+        cast = ground_truth(one, view.camera, view.pose, recording.setup.ground)[0][1][0]
     except ValueError:
         return False
     return float(np.linalg.norm(cast - feet)) <= MAX_FEET_ERROR

@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from tracker.formats.euroc import moving_cameras
 from tracker.formats.exported_sequence import RecordedSequence
 from tracker.geometry import Array, Pose, quaternion_from_rotation
 from tracker.io.atomic import write_text
@@ -39,10 +40,7 @@ comment. `evo_ape tum SEQUENCE/robot_0.txt SEQUENCE/robot_0_odometry.txt` gives 
 def export_tum(out: Path, recordings: Iterable[RecordedSequence]) -> list[str]:
     """Write trajectories of all moving robots. Raises ValueError where a sequence has none."""
     for recording in recordings:
-        moving = {m.robot for name, m in recording.setup.mounts.items() if name not in recording.fixed}
-        robots = [robot for robot in recording.setup.starts if robot in moving]
-        if not robots:
-            raise ValueError(f"{recording.folder}: has no robot that moves, which tum needs")
+        robots = moving_cameras(recording, "tum")
         folder = out / recording.name
         folder.mkdir(parents=True)
         times = [k * recording.setup.period for k in recording.frames()]

@@ -13,10 +13,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from tracker.geometry import Array, Ints, Mask, set_array
 from tracker.geometry.image_boxes import box_overlaps as box_overlaps
+from tracker.metrics.matching import best_pairs
 
 IOU = 0.5
 """Least IoU of a box with the body that it shows."""
@@ -227,14 +227,6 @@ def _ratio(above: float, below: float) -> float:
     return above / below if below else float("nan")
 
 
-def best_pairs(iou: Array, least: float = IOU) -> tuple[Ints, Ints]:
-    """Rows and columns of the most pairs with an IoU of `least` or more, and of those with the greatest sum."""
-    valid = iou >= least
-    rows, columns = linear_sum_assignment(-np.where(valid, min(valid.shape) + 1 + iou, 0.0))
-    good = valid[rows, columns]
-    return rows[good], columns[good]
-
-
 def count_boxes(images: Sequence[ImageBoxes], least_score: float, wanted: WantedBodies | None = None) -> BoxCounts:
     """Match the boxes with a score of `least_score` or more, image by image. Bodies that count are matched first; see `judge` for what is ignored."""
     out = [outcome_of(image, least_score, wanted or WantedBodies()) for image in images]
@@ -262,9 +254,9 @@ def outcome_of(image: ImageBoxes, least_score: float, wanted: WantedBodies) -> O
     others = np.setdiff1d(np.arange(len(image.truth)), counted)
     found = image.found[chosen]
     iou = box_overlaps(found, image.truth, image.period)
-    mine, body = best_pairs(iou[:, counted])
+    mine, body = best_pairs(iou[:, counted], IOU)
     left = np.setdiff1d(np.arange(len(found)), mine)
-    ignored, _ = best_pairs(iou[np.ix_(left, others)])
+    ignored, _ = best_pairs(iou[np.ix_(left, others)], IOU)
     left = np.delete(left, ignored)
     wrong = left[image.judged[chosen[left]] & wanted.of_this_height(found[left])]
     return Outcome(chosen[mine], np.delete(counted, body), chosen[wrong], float(iou[:, counted][mine, body].sum()))
@@ -313,7 +305,7 @@ def feet_errors(images: Sequence[ImageBoxes], least_score: float, wanted: Wanted
     wanted, out = wanted or WantedBodies(), [np.zeros(0)]
     for image in images:
         chosen, counted = np.flatnonzero(image.score >= least_score), np.flatnonzero(wanted.of(image))
-        mine, body = best_pairs(box_overlaps(image.found[chosen], image.truth[counted], image.period))
+        mine, body = best_pairs(box_overlaps(image.found[chosen], image.truth[counted], image.period), IOU)
         apart = np.linalg.norm(image.found_feet[chosen[mine]] - image.truth_feet[counted[body]], axis=1)
         out.append(apart[np.isfinite(apart)])
     return np.concatenate(out)

@@ -84,7 +84,7 @@ def _scores_of_kits(provenance: dict[str, Any], truth: Tracks, tracks: Tracks, c
     boxes = boxes_of_tracks(truth), boxes_of_tracks(tracks, online=True)
     out: dict[str, Any] = {"hota_3d": hota_values(hota_3d(matching_frames(*boxes, counts, area)))}
     if GRID_TRUTH in provenance.get("files", {}) and area is None:
-        out["ground_detection"] = score_ground_detections(matching_frames(truth, tracks)).to_dict()
+        out["ground_detection"] = score_ground_detections(matching_frames(truth, tracks))
     return out
 
 

@@ -16,7 +16,6 @@ takes positions in cells times 0.025 m and squared distances up to 1 m² to py-m
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
 
 from tracker.metrics.matching import MatchingFrame, compare, match_without_memory, planar_distance
 
@@ -26,59 +25,21 @@ ROUNDING = 1e-9
 """Share of the gate: positions on a grid, in metres, are at exactly the gate but for rounding."""
 
 
-@dataclass(frozen=True)
-class GroundDetectionScore:
-    """Counts over the frames with a detection; `+` merges sequences and GroundDetectionScore() is neutral. Ratios are None where undefined.
+def score_ground_detections(frames: Iterable[MatchingFrame]) -> dict[str, float | int | None]:
+    """Scores of positions in x, y, metres, frame by frame, as JSON values, None where undefined; everybody in `frames` is evaluated.
 
-    truths, detections: positions; matches: pairs; closeness: Σ over pairs of 1 − d / GATE; skipped: frames that have truth and no detection.
+    truths, detections: positions of the frames with a detection; skipped: number of frames that have truth and no detection. Raises as `compare`.
     """
-
-    truths: int = 0
-    detections: int = 0
-    matches: int = 0
-    closeness: float = 0.0
-    skipped: int = 0
-
-    def __add__(self, other: GroundDetectionScore) -> GroundDetectionScore:
-        return GroundDetectionScore(**{f.name: getattr(self, f.name) + getattr(other, f.name) for f in fields(self)})
-
-    @property
-    def moda(self) -> float | None:
-        """1 − (misses + false positives) / truths; below 0 with many false positives."""
-        return _ratio(2 * self.matches - self.detections, self.truths)
-
-    @property
-    def modp(self) -> float | None:
-        """Mean over pairs of 1 − d / GATE."""
-        return _ratio(self.closeness, self.matches)
-
-    @property
-    def precision(self) -> float | None:
-        return _ratio(self.matches, self.detections)
-
-    @property
-    def recall(self) -> float | None:
-        return _ratio(self.matches, self.truths)
-
-    def to_dict(self) -> dict[str, int | float | None]:
-        """JSON values."""
-        return {name: getattr(self, name) for name in ("moda", "modp", "precision", "recall", "truths", "detections", "skipped")}
-
-
-def _ratio(above: float, below: float) -> float | None:
-    return above / below if below else None
-
-
-def score_ground_detections(frames: Iterable[MatchingFrame], gate: float = GATE) -> GroundDetectionScore:
-    """Score positions in x, y, metres, frame by frame; everybody in `frames` is evaluated.
-
-    gate: the largest distance of a pair, m. Raises ValueError for a gate that is not above 0, and as `compare`.
-    """
-    if not gate > 0:
-        raise ValueError(f"gate is {gate} m, needs more than 0")
     listed = list(frames)
     scored = [frame for frame in listed if len(frame.estimate_id)]
-    matches, closeness = match_without_memory(compare(scored, planar_distance).mapped(lambda d: 1 - d / gate), -ROUNDING)
+    matches, closeness = match_without_memory(compare(scored, planar_distance).mapped(lambda d: 1 - d / GATE), -ROUNDING)
     truths, detections = (sum(len(getattr(frame, name)) for frame in scored) for name in ("truth_id", "estimate_id"))
-    skipped = sum(len(frame.truth_id) > 0 and not len(frame.estimate_id) for frame in listed)
-    return GroundDetectionScore(truths, detections, matches, closeness, skipped)
+    return {
+        "moda": (2 * matches - detections) / truths if truths else None,
+        "modp": closeness / matches if matches else None,
+        "precision": matches / detections if detections else None,
+        "recall": matches / truths if truths else None,
+        "truths": truths,
+        "detections": detections,
+        "skipped": sum(len(frame.truth_id) > 0 and not len(frame.estimate_id) for frame in listed),
+    }

@@ -221,10 +221,15 @@ def match_without_memory(comparison: Comparison, threshold: float) -> tuple[int,
     """
     number, total = 0, 0.0
     for frame in comparison.frames:
-        valid = frame.value >= threshold
-        gain = np.where(valid, min(valid.shape) + 1 + frame.value, 0.0)
-        rows, columns = linear_sum_assignment(-gain)
-        valid_pairs = valid[rows, columns]
-        number += int(valid_pairs.sum())
-        total += float(frame.value[rows, columns][valid_pairs].sum())
+        rows, columns = best_pairs(frame.value, threshold)
+        number += len(rows)
+        total += float(frame.value[rows, columns].sum())
     return number, total
+
+
+def best_pairs(value: Array, least: float) -> tuple[Ints, Ints]:
+    """Rows and columns of the most pairs of a matrix with a value in [least, 1], and of those with the greatest sum."""
+    valid = value >= least
+    rows, columns = linear_sum_assignment(-np.where(valid, min(valid.shape) + 1 + value, 0.0))
+    good = valid[rows, columns]
+    return rows[good], columns[good]

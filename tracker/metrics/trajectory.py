@@ -110,29 +110,27 @@ class RobotScore:
         return {name: None if np.isnan(value) else value for name, value in values.items()}
 
 
-def score_robots(truth: Poses, estimate: Poses, covariances: Covariances | None = None, *, delta: int = 1) -> RobotScore:
+def score_robots(truth: Poses, estimate: Poses, covariances: Covariances | None = None) -> RobotScore:
     """Score T_world_robot, robot → one pose a frame; an estimate is None where the robot's pose is unknown.
 
     covariances: robot → (6, 6) of the right tangent [m, rad] a frame, or None for a frame or a robot. A frame with a singular covariance
-    (an exactly known pose) has no NEES. delta: frames between the two ends of a relative error.
+    (an exactly known pose) has no NEES.
     Raises ValueError with robot and frame for a robot without estimates, lists of other lengths, or a matrix that is no covariance.
     """
-    parts = score_each(truth, estimate, covariances, delta=delta)
+    parts = score_each(truth, estimate, covariances)
     team = sum(parts.values(), RobotScore())
     pairs = {robot: _pairs(robot, truth[robot], estimate) for robot in sorted(truth)}
     return replace(team + _between(pairs), runs=min(team.runs, 1))
 
 
-def score_each(truth: Poses, estimate: Poses, covariances: Covariances | None = None, *, delta: int = 1) -> dict[str, RobotScore]:
+def score_each(truth: Poses, estimate: Poses, covariances: Covariances | None = None) -> dict[str, RobotScore]:
     """As score_robots, a score for each robot; the alignments are those of the whole team."""
-    if delta < 1:
-        raise ValueError(f"delta is {delta} frames, needs at least 1")
     pairs = {robot: _pairs(robot, truth[robot], estimate) for robot in sorted(truth)}
     true_points, points = (np.array([p[i].translation for ps in pairs.values() for p in ps.values()]).reshape(-1, 3) for i in (0, 1))
     alignments = tuple(align(points, true_points, upright) if len(points) else Pose.identity() for upright in (False, True))
     out = {}
     for robot, frames in pairs.items():
-        score = RobotScore(absent=len(truth[robot]) - len(frames)) + _absolute(frames, alignments) + _relative(frames, delta)
+        score = RobotScore(absent=len(truth[robot]) - len(frames)) + _absolute(frames, alignments) + _relative(frames)
         out[robot] = score + _consistency(robot, frames, (covariances or {}).get(robot), len(truth[robot]))
     return out
 
@@ -172,12 +170,12 @@ def _absolute(frames: Pairs, alignments: tuple[Pose, ...]) -> RobotScore:
     return RobotScore(robots=1, frames=len(frames), ate=rmse(estimated), ate_aligned=aligned, ate_yaw=yaw, distance=distance)
 
 
-def _relative(frames: Pairs, delta: int) -> RobotScore:
-    """E = (T*ₖ⁻¹ T*ₖ₊δ)⁻¹ (Tₖ⁻¹ Tₖ₊δ), Sturm et al. eq. 1, its translation."""
+def _relative(frames: Pairs) -> RobotScore:
+    """E = (T*ₖ⁻¹ T*ₖ₊₁)⁻¹ (Tₖ⁻¹ Tₖ₊₁), Sturm et al. eq. 1, its translation."""
     squares = []
     for k, (true, estimated) in frames.items():
-        if k + delta in frames:
-            true_later, estimated_later = frames[k + delta]
+        if k + 1 in frames:
+            true_later, estimated_later = frames[k + 1]
             error = (true.inverse() @ true_later).inverse() @ (estimated.inverse() @ estimated_later)
             squares.append(float(error.translation @ error.translation))
     return RobotScore(steps=len(squares), rpe=sum(squares))

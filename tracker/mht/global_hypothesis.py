@@ -11,7 +11,7 @@ import numpy as np
 
 from tracker.clique.clique_cover import component_labels
 from tracker.clique.dimacs import write_graph
-from tracker.clique.local_search import Graph, Limits, Options, Tuning, search
+from tracker.clique.local_search import Graph, Limits, Options, search
 from tracker.clique.set_packing import Effort, heaviest_clique
 from tracker.geometry import Array, Ints, Mask
 from tracker.geometry.compilation import njit
@@ -126,7 +126,7 @@ def proved_cliques(component: Component, q: MhtParameters) -> list[Ints]:
 def searched_cliques(component: Component, q: MhtParameters, warm: bool = True) -> list[Ints]:
     """The local optima of one search without a proof. warm: whether it starts from the surviving tracks, or from a greedy clique."""
     graph, start = component.graph, component.start if warm else None
-    found = search(graph, Limits(moves=moves_of(graph, q)), component.seed, Options(keep=q.k_h, start=start, tuning=Tuning(T=10)))
+    found = search(graph, Limits(moves=moves_of(graph, q)), component.seed, Options(keep=q.k_h, start=start, T=10))
     return [best for _, best in found.optima] or [found.vertices]
 
 

@@ -14,7 +14,7 @@ from sim.stress.sweeps import Case
 from sim.stress.tracker_under_test import TrackerUnderTest
 from tests.tracker.person_detector.blob_network import write_blob_network
 from tracker.io.file_lock import file_lock
-from tracker.metrics.landmark_map import MapScore
+from tracker.metrics.landmark_map import MEASURES
 from tracker.person_detector.network import PersonNetwork
 
 SCENARIO = Scenario(seed=1005, robots=1, people=3, frames=4, width=256)
@@ -31,7 +31,7 @@ def test_a_row_has_all_fields_and_is_json(tmp_path: Path) -> None:
     assert json.loads(json.dumps(row)) == row
     assert set(row) == set(empty_row(trial(tmp_path)))
     names = ("mota", "mota_all", "idf1", "hota", "motp_m", "false_positives", "misses", "switches", "truths", "ate_m", "dead_reckoning_m")
-    assert set(row["scores"]) == {*names, *ROBOTS, *MapScore().to_dict(), "efficiency"}
+    assert set(row["scores"]) == {*names, *ROBOTS, *MEASURES, "efficiency"}
     assert row["scores"]["efficiency"] == pytest.approx(row["scores"]["ate_m"] / row["limits"]["ate_bound_m"])
     assert row["limits"]["visible_recall"] >= row["scores"]["mota_all"]
     assert row["limits"]["target_bound_m"] < row["scores"]["motp_m"]

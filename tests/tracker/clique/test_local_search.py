@@ -49,19 +49,6 @@ def test_search_reaches_the_proved_optimum_on_larger_graphs(seed: int) -> None:
     assert search(graph, Limits(moves=20_000), seed).weight == pytest.approx(exact(graph).weight)
 
 
-def test_conflicts_edges_and_matrices_give_the_same_graph() -> None:
-    graph = random_graph(5, 12)
-    n = len(graph)
-    apart = np.eye(n, dtype=bool)
-    apart[np.repeat(np.arange(n), np.diff(graph.start)), graph.conflict] = True
-    again = Graph.from_edges(graph.weight, np.argwhere(~apart))
-    np.testing.assert_array_equal(again.conflict, graph.conflict)
-    assert again.edges == int((~apart).sum()) // 2
-    matrix = Graph.from_matrix(graph.weight, apart & ~np.eye(n, dtype=bool))
-    for a, b in ((graph.start, matrix.start), (graph.conflict, matrix.conflict), (graph.weight, matrix.weight)):
-        np.testing.assert_array_equal(a, b)
-
-
 def test_subgraphs_and_connected_components() -> None:
     graph = Graph.from_conflicts([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [[0, 3], [3, 4], [1, 2]])
     some = graph.within(np.array([0, 3, 4]))
@@ -127,9 +114,8 @@ def test_graphs_without_vertices_or_conflicts() -> None:
     ],
 )
 def test_bad_graphs_are_refused(weight: list[float], pairs: list[list[int]], message: str) -> None:
-    for make in (Graph.from_conflicts, Graph.from_edges):
-        with pytest.raises(ValueError, match=message):
-            make(weight, pairs)
+    with pytest.raises(ValueError, match=message):
+        Graph.from_conflicts(weight, pairs)
 
 
 def test_a_bad_start_and_missing_limits_are_refused() -> None:

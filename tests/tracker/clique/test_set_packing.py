@@ -20,7 +20,7 @@ def packing(seed: int, trees: int = 12, boxes: int = 26) -> Graph:
         row[(near + rng.choice(14, rng.integers(1, 4), replace=False)) % boxes] = True
     conflict = (tree[:, None] == tree) | (taken.astype(int) @ taken.T > 0) | np.isin(np.arange(len(tree)), rng.choice(len(tree), 4))
     conflict &= conflict.T & ~np.eye(len(tree), dtype=bool)
-    return Graph.from_matrix(rng.uniform(5, 9, len(tree)) + 3 * taken.sum(axis=1), conflict)
+    return Graph.from_conflicts(rng.uniform(5, 9, len(tree)) + 3 * taken.sum(axis=1), np.argwhere(conflict))
 
 
 def random_graph(seed: int, n: int = 40) -> Graph:

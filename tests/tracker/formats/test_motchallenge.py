@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.tracker.formats.scene import FRAMES, PEOPLE, RATE
 from tracker.detections.boxes import detections_from_boxes
-from tracker.formats.motchallenge import write_mot17, write_seqmap
+from tracker.formats.motchallenge import write_mot17
 from tracker.io.mot15 import Mot15Rows, read_mot15, rows_from_tracks, write_mot15
 from tracker.metrics.evaluation import evaluate, evaluate_files
 from tracker.sequence.reader import read_sequence
@@ -160,8 +160,3 @@ def test_rows_are_written_by_frame_then_id(tmp_path: Path) -> None:
     edges = np.array([[0.0, 1, 2, 4], [4, 5, 10, 12], [8, 9, 18, 20]])
     write_mot17(tmp_path / "gt.txt", np.array([2, 1, 1]), Boxes(np.array([1, 9, 4]), edges, edges, np.array([0.25, 1, 0]), np.ones(3)))
     assert (tmp_path / "gt.txt").read_text() == "1,4,9,10,10,11,1,1,0\n1,9,5,6,6,7,1,1,1\n2,1,1,2,2,3,1,1,0.25\n"
-
-
-def test_first_line_of_a_seqmap_is_name(tmp_path: Path) -> None:
-    write_seqmap(tmp_path / "map.txt", ["b", "a"])
-    assert (tmp_path / "map.txt").read_text() == "name\nb\na\n"

@@ -48,7 +48,7 @@ def test_the_best_cliques_combine_those_of_the_components() -> None:
     weight = rng.uniform(1, 5, len(tree))
     conflict = (tree[:, None] == tree[None, :]) & ~np.eye(len(tree), dtype=bool)
     search, nothing = HypothesisSearch(MhtParameters(k_h=6)), np.zeros(len(tree), dtype=bool)
-    found = search.optima(Graph.from_matrix(weight, conflict), np.arange(len(tree)), nothing, 0, {})
+    found = search.optima(Graph.from_conflicts(weight, np.argwhere(conflict)), np.arange(len(tree)), nothing, 0, {})
     every = [np.array(rows) for rows in itertools.product(*(np.flatnonzero(tree == k) for k in range(4)))]
     best = sorted((float(weight[rows].sum()) for rows in every), reverse=True)[:6]
     np.testing.assert_allclose([weight[held].sum() for held in found], best)

@@ -20,7 +20,7 @@ from tracker.formats.aicity.files import (
     write_results,
 )
 from tracker.formats.aicity.person_boxes import boxes_of_tracks
-from tracker.formats.exported_sequence import OPENCV_CORNER, FixedView, RecordedSequence, export_folder
+from tracker.formats.exported_sequence import OPENCV_CORNER, RecordedSequence, export_folder
 from tracker.geometry import Array
 from tracker.geometry.cameras import Pinhole, Tsai
 from tracker.io.atomic import write_text
@@ -79,14 +79,14 @@ def export_aicity(out: Path, recordings: Iterable[RecordedSequence]) -> list[str
     return []
 
 
-def camera_of(name: str, view: FixedView, recording: RecordedSequence) -> RecordingCamera:
+def camera_of(name: str, view: RecordingCamera, recording: RecordedSequence) -> RecordingCamera:
     """A fixed camera of the sequence. Raises ValueError where it is no pinhole camera, or has a distortion."""
     camera = view.camera
     if isinstance(camera, Tsai) and not camera.kappa1:
         camera = Pinhole(camera.width, camera.height, camera.focal * camera.sx / camera.dpx, camera.focal / camera.dpy, camera.cx, camera.cy)
     if not isinstance(camera, Pinhole) or any(camera.distortion):
         raise ValueError(f"{recording.folder}: {name} is {camera}, aicity needs a pinhole camera without distortion")
-    return RecordingCamera(camera, view.T_world_camera)
+    return RecordingCamera(camera, view.pose)
 
 
 def _write_videos(folder: Path, recording: RecordedSequence) -> None:

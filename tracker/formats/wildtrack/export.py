@@ -55,7 +55,7 @@ def export_wildtrack(out: Path, recordings: Iterable[RecordedSequence], rectangl
         cameras = []
         for number, (camera, view) in enumerate(fixed.items(), 1):
             try:
-                calibrated, error = opencv_camera(view.camera, view.T_world_camera)
+                calibrated, error = opencv_camera(view.camera, view.pose)
             except ValueError as fault:
                 raise ValueError(f"{recording.folder}: {camera}: {fault}, which wildtrack can hold") from None
             cameras.append(calibrated)
