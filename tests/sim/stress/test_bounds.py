@@ -90,9 +90,8 @@ def test_sightings_of_the_tracker_give_a_bound_and_a_map_score(data: TrialData) 
     # The sightings are the same, of fewer landmarks, and the start has an error of 0.035 m.
     assert bound is not None
     assert 0.3 * (ate_bound(data) or 0) < bound < 0.05
-    score = map_score(data, results)
-    assert score is not None
-    d = score.to_dict()
+    d = map_score(data, results)
+    assert d is not None
     assert d["map_aligned_m"] is not None
     assert d["map_aligned_m"] < 0.3
     assert (d["map_complete"] or 0) > 0.2
