@@ -20,8 +20,8 @@ from tracker.geometry.compilation import njit
 CHUNK = 20_000
 """Moves between two checks of the time."""
 L0, L_MAX, P0, ALPHA_R, ALPHA_S, PHI = 0.01, 0.1, 0.75, 0.8, 0.8, 7.0
-"""By the names of Benlic & Hao: strengths as shares of the vertices (L0, L_MAX), least probability of a directed perturbation (P0), those of
-random and of the strongest perturbations (ALPHA_R, ALPHA_S), and moves for which a dropped vertex is tabu (PHI)."""
+"""Names are those of Benlic & Hao. L0 and L_MAX: strengths as shares of the vertices. P0: least probability of a directed perturbation. ALPHA_R
+and ALPHA_S: random and strongest perturbations. PHI: moves for which a dropped vertex is tabu."""
 
 
 @dataclass(frozen=True, eq=False)
