@@ -46,10 +46,3 @@ def test_another_run_is_refused_with_the_difference(sequence: Sequence, tmp_path
         tracked(sequence, tmp_path / "r", RUN, unlimited)
     tracked(sequence, tmp_path / "q", RUN, unlimited)
     assert read_results(tmp_path / "q").run["parameters"]["slam"]["robust"] == "inf"
-
-
-def test_a_folder_without_a_run_is_refused(sequence: Sequence, tmp_path: Path) -> None:
-    (tmp_path / "r").mkdir()
-    (tmp_path / "r" / "mine.txt").write_text("dear")
-    with pytest.raises(ValueError, match=r"r: holds mine\.txt and no run\.json; choose another --out"):
-        tracked(sequence, tmp_path / "r", RUN)

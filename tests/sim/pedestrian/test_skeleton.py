@@ -5,7 +5,8 @@ from scipy.spatial.transform import Rotation
 from sim.pedestrian import gait, leg_kinematics, skeleton
 from sim.pedestrian.foot_contact import ANKLE, HEEL, PIVOT
 from sim.pedestrian.gait import Bodies, Footing
-from sim.pedestrian.skeleton import LIMBS
+from sim.pedestrian.leg_kinematics import SHIN, THIGH
+from sim.pedestrian.skeleton import HIP_ABOVE_SEAT, LIMBS, sitting_poses, trunk_size, with_sitters
 from tracker.geometry import rotation_z
 from tracker.types import KEYPOINT_NAMES
 from worlds.terrain.heightfield import Heightfield
@@ -152,3 +153,79 @@ def test_children_are_small_and_have_large_heads():
     # Shoulders and what is above them make up the stature.
     above = (1 - skeleton.SHOULDER_HEIGHT) * skeleton.head_size(sizes)
     np.testing.assert_allclose(skeleton.SHOULDER_HEIGHT * skeleton.trunk_size(sizes) + above, sizes)
+
+
+PAIR = np.array([1.7, 1.8])
+
+
+def bodies(speed: float) -> Bodies:
+    """Two people two metres apart, facing along x, the second one to the left of the first."""
+    return Bodies(np.array([[0.0, 0.0], [0.5, 2.0]]), np.full((2, 2), [speed, 0.0]), np.zeros(2), PAIR)
+
+
+def test_standing_people_look_at_the_nearest_and_walking_people_look_ahead():
+    here = bodies(0.0)
+    yaw = np.zeros(2)
+    for _ in range(40):
+        before, yaw = yaw, skeleton.head_yaw(yaw, here, here.position, 0.05)
+        assert np.abs(yaw - before).max() <= skeleton.FASTEST_TURN * 0.05 + 1e-12
+    # What is behind the second one's shoulder cannot be seen.
+    np.testing.assert_allclose(yaw, [0.0, 0.0], atol=1e-9)
+    robot = np.array([[1.0, 1.0]])
+    for _ in range(40):
+        yaw = skeleton.head_yaw(yaw, here, np.concatenate([here.position, robot]), 0.05)
+    assert yaw[0] == pytest.approx(np.pi / 4)
+    assert yaw[1] == pytest.approx(np.arctan2(-1.0, 0.5))
+    for _ in range(40):
+        yaw = skeleton.head_yaw(yaw, bodies(1.2), np.concatenate([here.position, robot]), 0.05)
+    np.testing.assert_array_equal(yaw, 0.0)
+
+
+def test_the_face_turns_with_the_head_and_the_rest_does_not():
+    here = bodies(0.0)
+    ground = Heightfield.flat([[-5, -5], [5, 5]], 1.0)
+    poses = skeleton.limb_poses(PAIR, gait.stand(here.position, here.heading, PAIR), here.position, here.heading, ground)
+    turned = skeleton.with_head_yaw(poses, np.array([0.8, -0.5]))
+    moved = np.abs(turned.joints - poses.joints).max(axis=(0, 2)) > 1e-9
+    np.testing.assert_array_equal(moved, np.arange(17) < 5)
+    others = [k for k, limb in enumerate(LIMBS) if limb != "head"]
+    np.testing.assert_array_equal(turned.quaternion[:, others], poses.quaternion[:, others])
+    head = poses.position[:, LIMBS.index("head")]
+    nose = turned.joints[:, 0] - head
+    np.testing.assert_allclose(np.arctan2(nose[:, 1], nose[:, 0]), [0.8, -0.5], atol=0.02)
+    length = [np.linalg.norm(p.joints[:, :5] - head[:, None], axis=2) for p in (poses, turned)]
+    np.testing.assert_allclose(*length)
+
+
+SIZES = np.array([1.15, 1.35, 1.55, 1.72, 1.95])
+SEATS = np.column_stack([np.arange(5.0), 0.3 * np.arange(5.0), np.full(5, 0.47), np.linspace(-3, 3, 5)])
+
+
+def test_sitters_sit_with_limbs_of_their_lengths() -> None:
+    ground, size = Heightfield.flat([[-3, -3], [9, 9]], 0.1), trunk_size(SIZES)
+    poses = sitting_poses(SIZES, SEATS, ground)
+    joint = {name: poses.joints[:, k] for k, name in enumerate(KEYPOINT_NAMES)}
+    hips = 0.5 * (joint["left_hip"] + joint["right_hip"])
+    np.testing.assert_allclose(hips, np.column_stack([SEATS[:, :2], SEATS[:, 2] + HIP_ABOVE_SEAT * size]), atol=1e-9)
+    forward = np.stack([np.cos(SEATS[:, 3]), np.sin(SEATS[:, 3])], axis=1)
+    for side in ("left", "right"):
+        hip, knee, ankle = (joint[f"{side}_{part}"] for part in ("hip", "knee", "ankle"))
+        assert np.linalg.norm(knee - hip, axis=1) == pytest.approx(THIGH * size, rel=0.01)
+        assert np.linalg.norm(ankle - knee, axis=1) == pytest.approx(SHIN * size, rel=0.01)
+        assert (((knee - hip)[:, :2] * forward).sum(axis=1) > 0.8 * THIGH * size).all()
+        # The tall stand on their soles; feet of the small hang.
+        assert ankle[2:, 2] == pytest.approx(ANKLE * size[2:], abs=0.03)
+        assert (ankle[:, 2] > ANKLE * size - 0.005).all()
+    assert ankle[0, 2] > 0.1
+    # A head above a seat is as high as sitting height says: 0.52 of stature (Drillis & Contini), to the vertex.
+    top = joint["nose"][:, 2] + 0.08 * SIZES
+    assert (top[2:] - SEATS[2:, 2]) / SIZES[2:] == pytest.approx(0.52, abs=0.03)
+
+
+def test_only_sitters_change() -> None:
+    ground = Heightfield.flat([[-3, -3], [9, 9]], 0.1)
+    position, heading = SEATS[:, :2], SEATS[:, 3]
+    standing = skeleton.limb_poses(SIZES, gait.stand(position, heading, SIZES), position, heading, ground)
+    both = with_sitters(standing, np.array([1, 3]), sitting_poses(SIZES[[1, 3]], SEATS[[1, 3]], ground))
+    np.testing.assert_array_equal(both.joints[[0, 2, 4]], standing.joints[[0, 2, 4]])
+    assert (both.joints[[1, 3], 0, 2] < standing.joints[[1, 3], 0, 2] - 0.1).all()

@@ -77,8 +77,3 @@ def test_walls_occlude_people_and_beams_do_not() -> None:
     points = np.stack(np.meshgrid(np.linspace(-6, 6, 60), np.linspace(-5, 5, 50)), axis=-1).reshape(-1, 2)
     free = points[simulation.world.feet.clearance_at(points) > 0.2]
     assert (setup.occluders.height_at(free) - setup.ground.height_at(free) < 0.05).mean() > 0.99
-
-
-def test_an_existing_folder_is_refused(folder: Path) -> None:
-    with pytest.raises(ValueError, match="is there already"):
-        record(SCENARIO, folder)

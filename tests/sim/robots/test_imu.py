@@ -60,15 +60,6 @@ def test_allan_variance_is_that_of_the_figures(drawn: tuple[str, np.ndarray, np.
 
 
 @pytest.mark.soak
-def test_noise_of_samples_is_white_and_of_its_density(drawn: tuple[str, np.ndarray, np.ndarray]) -> None:
-    name, _, noise = drawn
-    assert_variance(noise**2, figures(name)[0] ** 2 * RATE)
-    scaled = noise / noise.std(axis=0)
-    for lag in (1, 2, 7):
-        assert np.abs((scaled[lag:] * scaled[:-lag]).mean(axis=0)).max() < 6 / math.sqrt(COUNT)
-
-
-@pytest.mark.soak
 def test_initial_biases_have_the_stated_spread() -> None:
     for part in PARTS.values():
         first = np.array([ImuErrors(part, 1 / RATE, np.random.default_rng(k)).draw(1)[0][0] for k in range(400)])

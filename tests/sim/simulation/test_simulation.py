@@ -151,13 +151,6 @@ def test_steps_divide_the_period_exactly(rate):
     assert simulation.data.time == pytest.approx(1 / rate, rel=1e-9)
 
 
-def test_no_people_at_all():
-    simulation = Simulation(Scenario(robots=1, people=0), yard())
-    simulation.step()
-    assert simulation.feet().shape == (0, 3)
-    assert simulation.joints().shape == (0, 17, 3)
-
-
 @pytest.mark.soak
 def test_pairs_of_limbs_of_a_large_crowd_need_no_memory():
     simulation = Simulation(Scenario(robots=1, people=250, at_once=3), yard())

@@ -3,7 +3,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.tracker.kalman import condition
 from tracker.ekf.gaussian import gate, mahalanobis2, nees, robust_weights, subtract, whitened
 
 
@@ -47,21 +46,6 @@ def test_the_covariance_stays_positive_after_ten_thousand_precise_updates(rng: n
         subtract(P, whitened(H @ P, H @ P @ H.T + 1e-6 * np.eye(2)))
         P += 1e-6 * np.eye(30)
     assert np.linalg.eigvalsh(P).min() > 0
-
-
-def test_condition_is_the_product_of_two_gaussians() -> None:
-    # Two scalars of variance 1 and 3: mean = 3/4 · 0 + 1/4 · 8 = 2, variance = 1/(1 + 1/3) = 3/4.
-    change, P = condition([[1.0]], [[1.0]], [8.0], [[3.0]])
-    assert change == pytest.approx([2.0])
-    assert pytest.approx(0.75) == P[0, 0]
-
-
-def test_condition_in_the_information_form(rng: np.random.Generator) -> None:
-    P, R, H, r = positive(rng, 6), positive(rng, 3), rng.normal(size=(3, 6)), rng.normal(size=3)
-    change, after = condition(P, H, r, R)
-    information = np.linalg.inv(P) + H.T @ np.linalg.solve(R, H)
-    np.testing.assert_allclose(after, np.linalg.inv(information), atol=1e-10)
-    np.testing.assert_allclose(change, np.linalg.solve(information, H.T @ np.linalg.solve(R, r)), atol=1e-10)
 
 
 def test_nees_is_one_on_average(rng: np.random.Generator) -> None:

@@ -5,34 +5,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.tracker import sequences
-from tracker.detections.boxes import boxes_of_detections
 from tracker.formats.exported_sequence import RecordedSequence
-from tracker.geometry import bearing_from_angles
-from tracker.geometry.cameras import Panorama
-from tracker.types import Detections
-
-
-@settings(max_examples=100, deadline=None)
-@given(st.floats(-3.14, 3.14), st.floats(-1, 1), st.floats(0.01, 1), st.floats(0.01, 0.5))
-def test_a_panorama_box_begins_in_the_image(azimuth: float, elevation: float, span: float, rise: float) -> None:
-    camera = Panorama(512, 256)
-    found = Detections(
-        bearing_from_angles(np.array([azimuth]), np.array([elevation])),
-        np.array([[span, rise]]),
-        np.ones(1),
-        np.eye(2)[None],
-        np.zeros((1, 0)),
-    )
-    ((left, top, width, height),) = boxes_of_detections(camera, found)
-    assert 0 <= left < 512
-    middle = camera.bearings_from_pixels(np.array([[left + width / 2, top + height / 2]]))
-    assert_allclose(middle, found.bearing, atol=1e-9)
-    assert (width / 512 * 2 * np.pi, height / 256 * np.pi) == pytest.approx((span, rise))
 
 
 def test_detections_and_instances_equal_the_sequence(tmp_path: Path) -> None:

@@ -2,19 +2,32 @@
 
 from __future__ import annotations
 
+import json
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tracker.formats.pets2009 import ground_truth, read_annotations
-from tracker.geometry import Pose
-from tracker.geometry.ground import Flat
-from tracker.io.mot15 import read_detections, read_mot15
+from tests.tracker import sequences
+from tests.tracker.formats.scene import FRAMES, RATE
+from tracker.detections.boxes import detections_from_boxes
+from tracker.formats.opening import open_sequence
+from tracker.formats.pets2009 import PILLARS, Site, ground_truth, read_annotations, read_site, view_names, write_annotations, write_site
+from tracker.formats.source_options import SourceOptions
+from tracker.geometry import Array, Ints, Pose, angles_from_bearing
+from tracker.geometry.cameras import Tsai
+from tracker.geometry.ground import Flat, Grid
+from tracker.io.mot15 import MAX_FRAME, read_detections, read_mot15
 from tracker.io.tsai_xml import read_camera, write_camera
+from tracker.metrics.evaluation import evaluate
+from tracker.sequence.reader import read_sequence
+from tracker.sequence.results import Results
 
 # The tracking area of the cropped annotations, m.
 AREA = np.array([[-14.0696, -14.2740], [4.9813, 1.7335]])
@@ -65,13 +78,6 @@ def test_view_001_has_its_golden_numbers(written: Callable[[str], Path]) -> None
     pixels, inside = camera.pixels_from_bearings(T_world_camera.inverse().apply([[0, 0, 0], [0, 0, 1.8]]))
     assert inside.all()
     assert_allclose(pixels, [[351.9, 175.8], [349.1, 115.7]], atol=0.05)
-
-
-def test_a_camera_looks_forward_with_up_above(written: Callable[[str], Path]) -> None:
-    _, _, T = read_camera(written(CAMERA))
-    forward, _, up = T.rotation.T
-    assert forward @ (np.zeros(3) - T.translation) > 0
-    assert up[2] > 0.9
 
 
 @pytest.mark.parametrize("view", [1, 5, 7])
@@ -260,3 +266,216 @@ def test_the_real_detections_cover_every_frame(data: Any, view: int) -> None:
     found = read_detections(data("pets2009", "S2.L1", "detections", f"View_00{view}.txt"))
     assert list(found) == list(range(1, 796))
     assert all((boxes[:, 2:] > 0).all() and (confidence >= 0.05).all() for boxes, confidence in found.values())
+
+
+box = st.tuples(st.floats(-1e4, 1e4), st.floats(-1e4, 1e4), st.floats(0.01, 1e4), st.floats(0.01, 1e4))
+frame = st.dictionaries(st.integers(0, 2**53 - 1), box, max_size=4)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.dictionaries(st.integers(0, MAX_FRAME), frame, max_size=5), st.text(st.characters(codec="utf-8", categories=["L", "P"]), max_size=8))
+def test_round_trip(frames: dict[int, dict[int, tuple[float, ...]]], name: str) -> None:
+    given_ = {k: (np.array(list(f), dtype=np.int64), np.array(list(f.values())).reshape(-1, 4)) for k, f in frames.items()}
+    with tempfile.TemporaryDirectory() as folder:
+        write_annotations(Path(folder) / "a.xml", name, given_)
+        again = read_annotations(Path(folder) / "a.xml")
+        assert [p.name for p in Path(folder).iterdir()] == ["a.xml"]
+    assert list(again) == sorted(given_)
+    for k, (ids, boxes) in again.items():
+        assert_array_equal(ids, given_[k][0])
+        # The file has centres: half a width is added and taken off.
+        assert_allclose(boxes, given_[k][1], rtol=1e-12, atol=1e-11)
+
+
+def test_frames_count_from_0_and_boxes_are_centred(tmp_path: Path) -> None:
+    write_annotations(tmp_path / "a.xml", "x", {0: (np.array([3]), np.array([[10.0, 20, 4, 6]]))})
+    text = (tmp_path / "a.xml").read_text()
+    assert '<frame number="0">' in text
+    assert '<object id="3"><box h="6" w="4" xc="12" yc="23"/></object>' in text
+
+
+def test_box_of_zero_size_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"frame 4: the box of id 3 is 0.0 x 6.0 px, needs more than 0"):
+        write_annotations(tmp_path / "a.xml", "x", {4: (np.array([3]), np.array([[10.0, 20, 0, 6]]))})
+    assert not list(tmp_path.iterdir())
+
+
+def test_elements_that_stand_twice_are_merged_and_counted(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = tmp_path / "a.xml"
+    one = '<object id="1"><box h="4" w="2" xc="1" yc="2"/></object>'
+    frame = '<frame number="0"><objectlist>{}</objectlist></frame>'
+    path.write_text(f"<dataset>{frame.format(one + one)}{frame.format(one)}</dataset>")
+    ((ids, boxes),) = read_annotations(path).values()
+    assert_array_equal(ids, [1])
+    assert_array_equal(boxes, [[0, 0, 2, 4]])
+    assert caplog.messages == [f"{path}: 2 repeated elements merged"]
+    for body, message in (
+        (frame.format(one + one.replace('w="2"', 'w="3"')), "object.id 1 occurs twice in frame 0, with two boxes"),
+        (frame.format(one) + frame.format(""), "frame.number 0 occurs twice, with other boxes"),
+    ):
+        path.write_text(f"<dataset>{body}</dataset>")
+        with pytest.raises(ValueError, match=message):
+            read_annotations(path)
+
+
+SITE = Site(6.0, np.array([[-5.0, -4.0], [5.0, 4.0]]), Flat(), pillars=np.array([[1.0, 2.0, 0.1, 0.0, 2.5], [1.0, 2.0, 0.3, 2.5, 3.0]]))
+
+
+def test_pillars_round_trip(tmp_path: Path) -> None:
+    write_site(tmp_path, SITE, None)
+    site = read_site(tmp_path)
+    np.testing.assert_array_equal(site.pillars, SITE.pillars)
+    np.testing.assert_array_equal(site.area, SITE.area)
+
+
+def test_default_pillars(tmp_path: Path) -> None:
+    np.testing.assert_array_equal(read_site(tmp_path).pillars, PILLARS)
+    (tmp_path / "site.json").write_text(json.dumps({"rate": 7, "area": [[0, 0], [1, 1]], "terrain": None}))
+    assert read_site(tmp_path).pillars.shape == (0, 5)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"pillars": [[1, 2, 0.1, 0]]}, "pillars is .*, needs 1 x 5 numbers .*: rows of x, y, radius, low and high in metres"),
+        ({"pillars": [[1, 2, 0, 0, 2]]}, "pillars is .*, needs rows of x, y, radius, low and high in metres"),
+        ({"pillars": "x"}, "pillars is 'x', needs"),
+        ({"rate": None}, "rate is missing"),
+        ({"area": [[0, 0], [0, 1]]}, "area is .*needs two corners"),
+        ({"terrain": "../terrain.npz"}, "terrain is '../terrain.npz', needs 'terrain.npz' or null"),
+    ],
+)
+def test_invalid_sites_are_refused(tmp_path: Path, change: dict[str, object], message: str) -> None:
+    (tmp_path / "site.json").write_text(json.dumps({"rate": 7, "area": [[0, 0], [1, 1]], "terrain": None} | change))
+    with pytest.raises(ValueError, match=rf"site.json: {message}"):
+        read_site(tmp_path)
+
+
+def test_pets(data: Callable[..., Path]) -> None:
+    assert len(open_sequence(data("pets2009", "S2.L1")).setup.mounts) == 7
+    sequence = open_sequence(data("pets2009", "S2.L1"), SourceOptions(("1", "5", "7")))
+    assert list(sequence.setup.mounts) == ["View_001", "View_005", "View_007"]
+    assert len(sequence.ticks) == 795
+    assert sequence.truth is not None
+    assert len(sequence.truth) == 795
+    assert sequence.truth[0].person_id.tolist() == [9, 15, 19]
+
+
+def test_detection_keeps_its_foot_point(data: Callable[..., Path]) -> None:
+    """The lower edge of the angular box goes through the middle of the lower edge of the pixel box, to the pixel."""
+    sequence = open_sequence(data("pets2009", "S2.L1"), SourceOptions(("View_001",)))
+    camera = sequence.setup.mounts["View_001"].camera
+    boxes = np.array([[640.0, 240.0, 43.0, 80.0], [100.0, 400.0, 60.0, 150.0]])
+    found = detections_from_boxes(camera, boxes, np.ones(2))
+    azimuth, elevation = angles_from_bearing(found.bearing)
+    low = elevation - found.extent[:, 1] / 2
+    foot = np.stack([np.cos(low) * np.cos(azimuth), np.cos(low) * np.sin(azimuth), np.sin(low)], axis=1)
+    pixels, inside = camera.pixels_from_bearings(foot)
+    assert inside.all()
+    np.testing.assert_allclose(pixels, [[661.5, 320.0], [130.0, 550.0]], atol=1e-6)
+
+
+def test_other_and_degraded_detections(data: Callable[..., Path]) -> None:
+    folder, other = data("pets2009", "S2.L1"), data("pets2009", "S2.L1", "mot15", "det.txt")
+    choice = SourceOptions.parse([f"1={other}"], "drop=0.5,clutter=1", 3, cameras="1,5")
+    assert SourceOptions.of_run(choice.to_run()).degradation == choice.degradation
+    worse, again = open_sequence(folder, choice), open_sequence(folder, SourceOptions.of_run(choice.to_run()))
+    assert worse.provenance == again.provenance != open_sequence(folder, SourceOptions(("1", "5"))).provenance
+    for a, b in zip(list(worse.ticks)[:20], list(again.ticks)[:20], strict=True):
+        for v, w in zip(a.views, b.views, strict=True):
+            np.testing.assert_array_equal(v.detections.bearing, w.detections.bearing)
+    # A view draws from a stream of its own: one more view does not change what another loses.
+    alone = open_sequence(folder, SourceOptions.parse((), "drop=0.5,clutter=1", 3, cameras="5"))
+    np.testing.assert_array_equal(list(alone.ticks)[7].views[0].detections.bearing, list(worse.ticks)[7].views[1].detections.bearing)
+
+
+def test_choices_that_cannot_be_are_refused(data: Callable[..., Path], tmp_path: Path) -> None:
+    folder, other = data("pets2009", "S2.L1"), data("pets2009", "S2.L1", "mot15", "det.txt")
+    with pytest.raises(ValueError, match="no such folder"):
+        open_sequence(tmp_path / "nowhere")
+    (tmp_path / "detections").mkdir()
+    with pytest.raises(ValueError, match="calibration/ in it or beside it"):
+        open_sequence(tmp_path)
+    with pytest.raises(ValueError, match=r"View_002.txt: no such file; there are View_001, View_003"):
+        open_sequence(folder, SourceOptions(("2",)))
+    with pytest.raises(ValueError, match="names a camera twice"):
+        SourceOptions.parse(cameras="1,1")
+    with pytest.raises(ValueError, match="--detections names View_001, --cameras has 5"):
+        open_sequence(folder, SourceOptions.parse([f"1={other}"], cameras="5"))
+    sequences.write(tmp_path / "s")
+    with pytest.raises(ValueError, match="--degrade and --project are for recordings"):
+        open_sequence(tmp_path / "s", SourceOptions.parse(degrade="drop=0.5"))
+
+
+Exported = Callable[[str], Path]
+
+
+def results(tracks: dict[int, tuple[Ints, Array]], robots: dict[str, list[object]]) -> Results:
+    return Results(FRAMES, tracks, robots, {name: [np.eye(6)] * FRAMES for name in robots}, {})  # type: ignore[arg-type]
+
+
+def test_reader_recovers_the_sequence(sequence: Path, exported: Exported) -> None:
+    source, again = read_sequence(sequence), open_sequence(exported("pets") / "plaza")
+    assert list(again.setup.mounts) == ["View_001", "View_002", "View_003"]
+    assert again.setup.period == 1 / RATE
+    assert isinstance(again.setup.ground, Grid)
+    assert isinstance(source.setup.ground, Grid)
+    assert_array_equal(again.setup.ground.heights, source.setup.ground.heights)
+    for k, name in enumerate(again.setup.mounts):
+        mount, start = source.setup.mounts[f"view_{k}"], source.setup.starts[f"view_{k}"]
+        assert again.setup.mounts[name].camera == mount.camera
+        there = again.setup.starts[name]
+        assert start is not None
+        assert there is not None
+        assert_allclose((there.T_world_robot.inverse() @ start.T_world_robot).log(), 0, atol=1e-9)
+    assert source.truth is not None
+    assert again.truth is not None
+    for old, new in zip(source.truth, again.truth, strict=True):
+        assert_array_equal(new.person_id, old.person_id)
+        assert_allclose(new.feet, old.feet, atol=1e-9)
+    for old_tick, new_tick in zip(source.ticks, again.ticks, strict=True):
+        assert new_tick.time == pytest.approx(old_tick.time)
+        for old_view, new_view in zip(old_tick.views[1:], new_tick.views, strict=True):
+            assert_allclose(new_view.detections.bearing, old_view.detections.bearing, atol=1e-9)
+            assert_allclose(new_view.detections.extent, old_view.detections.extent, atol=1e-9)
+            assert_array_equal(new_view.detections.confidence, old_view.detections.confidence)
+
+
+def test_export_scores_as_the_sequence(sequence: Path, exported: Exported) -> None:
+    """View_001 sees everybody here. A tracker that misses, drifts and swaps gets the same numbers from both."""
+    source, again, rng = read_sequence(sequence), open_sequence(exported("pets") / "plaza"), np.random.default_rng(9)
+    tracks = {}
+    for truth in source.truth or ():
+        kept = rng.random(len(truth.person_id)) < 0.85
+        ids = truth.person_id[kept] + 1000 * (truth.index > 3)
+        tracks[truth.index] = ids, truth.feet[kept] + rng.normal(0, 0.3, (kept.sum(), 3)) * [1, 1, 0]
+    robots = {"robot_0": [t.T_world_robot["robot_0"] for t in source.truth or ()]}
+    ours = evaluate(source, results(tracks, robots))["targets"]  # type: ignore[arg-type]
+    theirs = evaluate(again, results(tracks, {}))["targets"]
+    assert ours["misses"] + ours["switches"] > 0
+    for name, value in ours.items():
+        assert_allclose(theirs[name], value, atol=1e-9, err_msg=name)
+
+
+def test_annotations_reach_from_feet_to_head(sequence: Path, exported: Exported) -> None:
+    name, camera, T = read_camera(exported("pets") / "plaza" / "calibration" / "View_001.xml")
+    assert name == "View_001"
+    assert isinstance(camera, Tsai)
+    source = read_sequence(sequence)
+    whole = read_annotations(exported("pets") / "plaza" / "annotations" / "plaza.xml")
+    assert list(whole) == list(range(FRAMES))
+    for truth in source.truth or ():
+        ids, boxes = whole[truth.index]
+        assert_array_equal(ids, truth.person_id)
+        feet, _ = camera.pixels_from_bearings(T.inverse().apply(truth.feet))
+        head, _ = camera.pixels_from_bearings(T.inverse().apply(truth.feet + np.array([0.0, 0.0, 1.72])))
+        assert_allclose(boxes[:, 0] + boxes[:, 2] / 2, feet[:, 0], atol=1e-9)
+        assert_allclose(boxes[:, 1] + boxes[:, 3], feet[:, 1], atol=1e-9)
+        assert_allclose(boxes[:, 1], head[:, 1], atol=4)
+
+
+def test_names_of_views() -> None:
+    assert view_names(["b", "a"]) == {"b": "View_001", "a": "View_002"}
+    assert view_names(["View_005", "View_001"]) == {"View_005": "View_005", "View_001": "View_001"}
+    assert view_names(["View_005", "View_007"]) == {"View_005": "View_001", "View_007": "View_002"}
+    assert view_names(["View_001", "x"]) == {"View_001": "View_001", "x": "View_002"}

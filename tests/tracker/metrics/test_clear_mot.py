@@ -1,7 +1,9 @@
-"""Scores of targets: hand-made tables with their arithmetic, laws, and a published result. TrackEval and py-motmetrics: test_clear_mot_peers.py."""
+"""Scores of targets: hand-made tables with their arithmetic, laws, and equality with TrackEval."""
 
 from __future__ import annotations
 
+import contextlib
+import io
 import itertools
 import math
 import time
@@ -12,9 +14,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tests.tracker.matching_frames import random_frames, table
-from tracker.io.mot15 import read_mot15
 from tracker.metrics.clear_mot import TargetScore, score, score_boxes
-from tracker.metrics.matching import Comparison, MatchingFrame, Pairing, match_without_memory
+from tracker.metrics.matching import Comparison, MatchingFrame, Pairing, compare, match_without_memory, overlap, planar_distance
 
 CLEAR_KEYS = ("mota", "motp_m", "motp_percent", "false_positives", "misses", "switches", "fragments", "mostly_tracked", "mostly_lost")
 KEYS = [*CLEAR_KEYS, "truths", "idf1", "hota", "moda", "modp"]
@@ -184,20 +185,6 @@ def test_gates_and_boxes_are_checked() -> None:
 # --- real data --------------------------------------------------------------------------------------------------------------------
 
 
-def test_a_published_result_gets_its_published_score(data: Any) -> None:
-    folder = data("pets2009", "S2.L1", "mot15")
-    truth, result = read_mot15(folder / "gt.txt"), read_mot15(folder / "cem_result.txt")
-    t, r, none = truth.by_frame(), result.by_frame(), np.zeros(0, dtype=int)
-    frames = []
-    for k in range(1, 796):
-        i, j = t.get(k, none), r.get(k, none)
-        frames.append(MatchingFrame(truth.id[i], truth.box[i], result.id[j], result.box[j]))
-    begin = time.process_time()
-    s = score_boxes(frames, iou=0.5)
-    assert time.process_time() - begin < 1
-    assert (round(s.mota, 3), s.false_positives, s.misses, s.switches, s.truths) == (0.850, 247, 420, 31, 4650)
-
-
 def test_a_crowd_is_scored_fast() -> None:
     rng = np.random.default_rng(5)
     place = rng.uniform(0, 20, (333, 74, 2))
@@ -206,3 +193,77 @@ def test_a_crowd_is_scored_fast() -> None:
     begin = time.process_time()
     score(frames)
     assert time.process_time() - begin < 5
+
+
+@pytest.fixture(scope="module")
+def trackeval() -> dict[str, Any]:
+    """TrackEval's metrics, silent; its euclidean similarity is 1 − d / 2 m, its threshold ½ our gate of 1 m."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        metrics = pytest.importorskip("trackeval").metrics
+        quiet = {"PRINT_CONFIG": False}
+        return {"CLEAR": metrics.CLEAR(quiet), "Identity": metrics.Identity(quiet), "HOTA": metrics.HOTA()}
+
+
+def by_trackeval(metrics: dict[str, Any], comparison: Comparison) -> dict[str, Any]:
+    lengths = comparison.lengths()
+    sequence = {
+        "gt_ids": [f.truth for f in comparison.frames],
+        "tracker_ids": [f.estimate for f in comparison.frames],
+        "similarity_scores": [f.value for f in comparison.frames],
+        "num_gt_dets": int(lengths[0].sum()),
+        "num_tracker_dets": int(lengths[1].sum()),
+        "num_gt_ids": comparison.truths,
+        "num_tracker_ids": comparison.estimates,
+        "num_timesteps": len(comparison.frames),
+    }
+    with contextlib.redirect_stdout(io.StringIO()):
+        return {name: metric.eval_sequence(sequence) for name, metric in metrics.items()}
+
+
+def same_as_trackeval(s: TargetScore, peer: dict[str, Any]) -> None:
+    clear, identity, hota = peer["CLEAR"], peer["Identity"], peer["HOTA"]
+    ours = (s.matches, s.misses, s.false_positives, s.switches, s.fragments, s.mostly_tracked, s.mostly_lost, s.idtp, s.idfp, s.idfn)
+    names = ("CLR_TP", "CLR_FN", "CLR_FP", "IDSW", "Frag", "MT", "ML")
+    assert ours == (*(clear[n] for n in names), *(identity[n] for n in ("IDTP", "IDFP", "IDFN")))
+    if s.truths:
+        assert_allclose([s.idf1, s.hota], [identity["IDF1"], hota["HOTA"].mean()], atol=1e-12)
+        assert_allclose(s.hota_sums.assa, hota["AssA"], atol=1e-12)
+        if s.matches + s.false_positives:
+            assert_allclose(s.mota, clear["MOTA"], atol=1e-12)
+
+
+def test_equal_to_trackeval_on_the_ground(trackeval: dict[str, Any]) -> None:
+    rng = np.random.default_rng(6)
+    total = TargetScore()
+    for _ in range(200):
+        frames = random_frames(rng)
+        s = score(frames)
+        peer = by_trackeval(trackeval, compare(frames, planar_distance).mapped(lambda d: np.maximum(0, 1 - d / 2)))
+        same_as_trackeval(s, peer)
+        assert_allclose(s.matches - s.distance / 2, peer["CLEAR"]["MOTP_sum"], atol=1e-9)
+        total += s
+    # The sequences hold what is to be compared.
+    assert min(total.switches, total.fragments, total.misses, total.false_positives, total.mostly_lost, total.mostly_tracked) > 100
+
+
+def test_equal_to_trackeval_on_boxes(trackeval: dict[str, Any]) -> None:
+    rng = np.random.default_rng(7)
+    for _ in range(60):
+        frames = []
+        for f in random_frames(rng):
+            sizes = [np.tile([2.0, 4.0], (len(ids), 1)) * rng.uniform(0.8, 1.2, (len(ids), 2)) for ids in (f.truth_id, f.estimate_id)]
+            frames.append(MatchingFrame(f.truth_id, np.hstack([f.truth, sizes[0]]), f.estimate_id, np.hstack([f.estimate, sizes[1]])))
+        s = score_boxes(frames)
+        peer = by_trackeval(trackeval, compare(frames, overlap))
+        same_as_trackeval(s, peer)
+        assert_allclose(s.closeness, peer["CLEAR"]["MOTP_sum"], atol=1e-9)
+
+
+def test_sequences_merge_as_trackeval_merges_them(trackeval: dict[str, Any]) -> None:
+    rng = np.random.default_rng(8)
+    sequences = [random_frames(rng) for _ in range(8)]
+    peers = [by_trackeval(trackeval, compare(f, planar_distance).mapped(lambda d: np.maximum(0, 1 - d / 2))) for f in sequences]
+    s = sum((score(f) for f in sequences), TargetScore())
+    merged = {n: m.combine_sequences({str(i): p[n] for i, p in enumerate(peers)}) for n, m in trackeval.items()}
+    peer = [merged["CLEAR"]["MOTA"], merged["Identity"]["IDF1"], merged["HOTA"]["HOTA"].mean()]
+    assert_allclose([s.mota, s.idf1, s.hota], peer, atol=1e-12)

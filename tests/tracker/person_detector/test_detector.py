@@ -119,12 +119,6 @@ def test_pictures_of_every_kind(detector: PersonDetector) -> None:
             detector.find(bad)
 
 
-def test_the_same_picture_has_the_same_boxes(detector: PersonDetector, tmp_path: Path) -> None:
-    image = np.random.default_rng(0).integers(0, 256, (300, 400, 3), dtype=np.uint8)
-    again = PersonDetector(write_blob_network(tmp_path / "m.onnx"))
-    np.testing.assert_array_equal(detector.find(image).box, again.find(image).box)
-
-
 def test_the_shipped_network_is_of_whole_numbers() -> None:
     """Its convolutions are in 8 bits, so that the number of threads changes no box."""
     network, threaded = PersonNetwork(), PersonNetwork(threads=2)

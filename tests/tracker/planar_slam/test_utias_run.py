@@ -63,15 +63,6 @@ def test_the_same_run_is_kept_and_another_is_refused(tmp_path: Path) -> None:
         evaluate_trajectories(source, out)
 
 
-def test_a_folder_that_holds_something_else(tmp_path: Path) -> None:
-    source, out = write_set(tmp_path / "s"), tmp_path / "r"
-    out.mkdir()
-    (out / "mine.txt").write_text("dear")
-    with pytest.raises(ValueError, match=r"holds mine\.txt and no run\.json"):
-        track_utias(source, out, False)
-    assert (out / "mine.txt").read_text() == "dear"
-
-
 def test_sets_without_landmarks_or_with_early_truth(tmp_path: Path) -> None:
     source = write_set(tmp_path / "s")
     path = source / "Robot1_Groundtruth.dat"

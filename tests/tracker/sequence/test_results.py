@@ -55,13 +55,6 @@ def test_landmark_history_round_trip(tmp_path: Path) -> None:
         read_results(tmp_path / "r")
 
 
-def test_results_are_not_overwritten(tmp_path: Path) -> None:
-    write_results(tmp_path / "r", Results.of(estimates(), {}))
-    with pytest.raises(ValueError, match="is there already"):
-        write_results(tmp_path / "r", Results.of(estimates(), {}))
-    assert [p.name for p in tmp_path.iterdir()] == ["r"]
-
-
 def test_missing_folder_and_wrong_schema(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="no such folder"):
         read_results(tmp_path / "r")
