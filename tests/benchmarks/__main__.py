@@ -1,6 +1,6 @@
 """Run benchmarks by name, or all that take minutes: `python -m tests.benchmarks [NAME ...]`. Each prints a table.
 
-A benchmark without its peer installed says so. `space`, `crowds`, `placement_reward`, `growth` and `interruption` take long, and run only by name.
+A benchmark without its peer installed says so. Those of LONG take long, and run only by name.
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ from sim.rendering.gl_context import GLUnavailable
 NAMES = (
     "crowd", "simulation", "panorama", "workers", "writing", "clique", "slam", "space", "throughput", "utias", "tracker", "crowds", "placement",
     "placement_reward", "detector_models", "prediction", "detectors", "growth", "interruption", "effects", "calibration",
+    "own_places",
 )  # fmt: skip
-LONG = ("space", "crowds", "placement_reward", "growth", "interruption", "calibration")
+LONG = ("space", "crowds", "placement_reward", "growth", "interruption", "calibration", "own_places")
 
 
 def main() -> int:

@@ -18,6 +18,8 @@ MOST_HOLES = 0.25
 DEEP_HOLE = 1.5
 """Cells: what is farther than this from the nearest height is not walked on."""
 MOST_PIXELS = 200_000_000
+COARSEST = 0.05
+"""m: largest step from one height to the next of a map of 8 bits; on higher ones it is all terraces."""
 LINEAR_UNITS = {9001: 1.0, 9002: 0.3048, 9003: 1200 / 3937}
 """EPSG code of a unit of length → m."""
 
@@ -101,25 +103,28 @@ def _sampled(raster: _Raster, at: tuple[Array, Array], spacing: float) -> tuple[
 
 def _read_png(place: Place) -> _Raster:
     path = place.source
-    missing = [name for name in ("size", "low", "high") if getattr(place, name) is None]
-    if missing:
-        raise ValueError(f"{path}: a PNG has no metres, needs {', '.join(missing)}, as {path.name}:size=60,low=0,high=6")
+    size, low, high = place.size, place.low, place.high
+    if size is None or low is None or high is None:
+        raise ValueError(f"{path}: a PNG has no metres, needs size, low, high, as {path.name}:size=60,low=0,high=6")
     try:
         with Image.open(path, formats=["PNG"]) as image:
             if image.width * image.height > MOST_PIXELS:
                 raise ValueError(f"{path}: {image.width} x {image.height} px, needs at most {MOST_PIXELS:g}")
             if image.mode not in ("I;16", "I;16B", "I", "L"):
                 raise ValueError(f"{path}: is a picture in color ({image.mode}), needs one channel of 16 bits; colors go in with texture=")
+            if image.mode == "L" and (high - low) / 255 > COARSEST:
+                raise ValueError(f"{path}: has 8 bits, so that {high - low:g} m are in steps of {(high - low) / 255:.2g} m, needs 16 bits")
             values = np.asarray(image).astype(np.float64)
     except (OSError, SyntaxError, Image.DecompressionBombError) as error:
         raise ValueError(f"{path}: no PNG that can be read ({error})") from None
-    assert place.size is not None
-    assert place.low is not None
-    assert place.high is not None
-    pixel = place.size / max(values.shape)
-    span = float(np.ptp(values))
-    scaled = (values - values.min()) / span if span else np.zeros_like(values)
-    return _Raster(place.low + (place.high - place.low) * scaled, (pixel, pixel))
+    pixel = size / max(values.shape)
+    return _Raster(_scaled(values, low, high), (pixel, pixel))
+
+
+def _scaled(values: Array, low: float, high: float) -> Array:
+    """Values with the lowest at `low` and the highest at `high`, m."""
+    least, span = float(np.nanmin(values)), float(np.nanmax(values) - np.nanmin(values))
+    return low + (values - least) * ((high - low) / span if span else 0.0)
 
 
 def _read_tiff(place: Place) -> _Raster:
@@ -146,8 +151,7 @@ def _read_tiff(place: Place) -> _Raster:
     if np.isnan(heights).all():
         raise ValueError(f"{path}: has no height at all (all values are NaN or nodata)")
     if place.low is not None and place.high is not None:
-        low, span = float(np.nanmin(heights)), float(np.nanmax(heights) - np.nanmin(heights))
-        heights = place.low + (heights - low) * ((place.high - place.low) / span if span else 0.0)
+        heights = _scaled(heights, place.low, place.high)
     return _Raster(heights, _pixel_size(place, tags, heights.shape), _frame(tags))
 
 

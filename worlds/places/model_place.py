@@ -77,27 +77,16 @@ def _posed(spec: mujoco.MjSpec, place: Place) -> tuple[mujoco.MjModel, mujoco.Mj
 
 def _triangles(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     """(k, 3, 3) m: all that is drawn. An infinite plane is as large as the rest and BEYOND."""
-    found, planes = [], []
-    for geom in range(model.ngeom):
-        if model.geom_group[geom] not in DRAWN_GROUPS or model.geom_rgba[geom, 3] == 0:
-            continue
-        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
-            planes.append(geom)
-        else:
-            found.append(geom_triangles(model, data, geom))
+    drawn = [geom for geom in range(model.ngeom) if model.geom_group[geom] in DRAWN_GROUPS and model.geom_rgba[geom, 3] > 0]
+    planes = [geom for geom in drawn if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE]
+    found = [geom_triangles(model, data, geom) for geom in drawn if geom not in planes]
     points = np.concatenate(found).reshape(-1, 3) if found else np.zeros((0, 3))
-    reach = float(np.abs(points[:, :2]).max()) + BEYOND if len(points) else OPEN
-    found += [_plane(model, data, geom, reach) for geom in planes]
+    # So far an infinite plane has triangles.
+    model.stat.extent = float(np.abs(points[:, :2]).max()) + BEYOND if len(points) else OPEN
+    found += [geom_triangles(model, data, geom) for geom in planes]
     if not found:
         raise ValueError("has no geom that is drawn (groups 0 to 2)")
     return np.concatenate(found)
-
-
-def _plane(model: mujoco.MjModel, data: mujoco.MjData, geom: int, reach: float) -> Array:
-    """The two triangles of a plane, at most as large as images show it; reach: half the side of an infinite one, m."""
-    x, y = (float(size) if size > 0 else reach for size in model.geom_size[geom, :2])
-    corners = np.array([(-x, -y, 0), (x, -y, 0), (x, y, 0), (-x, y, 0)]) @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
-    return corners[[[0, 1, 2], [0, 2, 3]]]
 
 
 def _cameras(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[PlaceCamera, ...]:

@@ -55,12 +55,12 @@ def find_level(triangles: Array, grid: Heightfield, height: float | None, entran
     floor, others = layers.level(grid, height, entrances)
     known = np.isfinite(floor)
     limits = np.array([_climb(kind, grid.spacing) for kind in (FEET, WHEELS)])
-    blocked, top = _obstacles(triangles, grid, floor, limits)
+    blocked, top, touching = _met(triangles, grid, floor, limits)
     nearest = tuple(ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True))
     filled = floor[nearest]
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     up = normal[:, 2] > FLAT * np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
-    decks = up & _touching(triangles, grid, floor, float(limits[0]))
+    decks = up & touching
     # Below all that is stood on, so that the triangles themselves are the terrain wherever there are any.
     below = grid.with_heights(ndimage.minimum_filter(filled, 3) - THIN)
     terrain = Terrain(below, Decks(triangles[decks]))
@@ -202,17 +202,21 @@ def _neighbours(node: Index, z: Array, start: Index, step: int, limits: tuple[in
     return out
 
 
-def _obstacles(triangles: Array, grid: Heightfield, floor: Array, limits: Array) -> tuple[Mask, Array]:
-    """Grid points (2, rows, columns) where something stands higher than each of the limits (2,) m; and its top (rows, columns) m, NaN for none."""
-    blocked, top = np.zeros((2, *floor.shape), dtype=bool), np.full(floor.shape, np.nan)
-    _stand_on(np.ascontiguousarray(triangles), np.array([*grid.origin, grid.spacing]), floor, limits, (blocked, top))
-    return blocked, top
+def _met(triangles: Array, grid: Heightfield, floor: Array, limits: Array) -> tuple[Mask, Array, Mask]:
+    """What is met on a floor (rows, columns) m. limits: (2,) m that feet and wheels climb.
+
+    Returns grid points (2, rows, columns) where something stands higher than each limit; its top (rows, columns) m, NaN for none; and which
+    triangles (k,) lie on the floor somewhere, within the first limit.
+    """
+    blocked, top, touching = np.zeros((2, *floor.shape), dtype=bool), np.full(floor.shape, np.nan), np.zeros(len(triangles), dtype=bool)
+    _stand_on(np.ascontiguousarray(triangles), np.array([*grid.origin, grid.spacing]), floor, limits, (blocked, top, touching))
+    return blocked, top, touching
 
 
 @njit(cache=True)
-def _stand_on(triangles: Array, grid: Array, floor: Array, limits: Array, out: tuple[Mask, Array]) -> None:
-    """Walk over points of all triangles, half a cell apart, and mark what reaches into the headroom over the floor."""
-    blocked, top = out
+def _stand_on(triangles: Array, grid: Array, floor: Array, limits: Array, out: tuple[Mask, Array, Mask]) -> None:
+    """Walk over points of all triangles, half a cell apart, and mark what lies on the floor, and what reaches into the headroom over it."""
+    blocked, top, touching = out
     rows, columns = floor.shape
     for t in range(len(triangles)):
         a, u, v = triangles[t, 0], triangles[t, 1] - triangles[t, 0], triangles[t, 2] - triangles[t, 0]
@@ -225,6 +229,7 @@ def _stand_on(triangles: Array, grid: Array, floor: Array, limits: Array, out: t
                     continue
                 z = a[2] + (p * u[2] + q * v[2]) / n
                 over = z - floor[i, j]
+                touching[t] |= abs(over) <= limits[0]
                 if over >= HEADROOM:
                     continue
                 for k in range(2):
@@ -232,37 +237,3 @@ def _stand_on(triangles: Array, grid: Array, floor: Array, limits: Array, out: t
                         blocked[k, i, j] = True
                 if over > limits[1] and not top[i, j] > z:
                     top[i, j] = z
-
-
-def _touching(triangles: Array, grid: Heightfield, floor: Array, within: float) -> Mask:
-    """(k,) whether a triangle lies on the level somewhere: at its corners, its middle, or a grid point over it, within m."""
-    points = np.concatenate([triangles, triangles.mean(axis=1, keepdims=True), 0.5 * (triangles + np.roll(triangles, 1, axis=1))], axis=1)
-    at = np.rint((points[..., :2] - grid.origin) / grid.spacing).astype(np.int64)
-    inside = (at >= 0).all(axis=-1) & (at < floor.shape[::-1]).all(axis=-1)
-    i, j = np.where(inside, at[..., 1], 0), np.where(inside, at[..., 0], 0)
-    near = inside & (np.abs(points[..., 2] - floor[i, j]) <= within)
-    out: Mask = np.asarray(near.any(axis=1))
-    far = ~out
-    if far.any():
-        local = np.ascontiguousarray((triangles[far] - [*grid.origin, 0.0]) / [grid.spacing, grid.spacing, 1.0])
-        out[far] = _crossing_near(local, floor, within)
-    return out
-
-
-@njit(cache=True)
-def _crossing_near(triangles: Array, floor: Array, within: float) -> Mask:
-    """(k,) whether a grid point over a triangle has the floor at it, within m."""
-    out = np.zeros(len(triangles), np.bool_)
-    size = (floor.shape[0], floor.shape[1])
-    for t in range(len(triangles)):
-        one = triangles[t : t + 1]
-        count = _crossings(one, size, np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
-        if count == 0:
-            continue
-        node, z = np.zeros(count, np.int64), np.zeros(count)
-        _crossings(one, size, node, z, np.zeros(count))
-        for k in range(count):
-            if abs(floor[node[k] // size[1], node[k] % size[1]] - z[k]) <= within:
-                out[t] = True
-                break
-    return out

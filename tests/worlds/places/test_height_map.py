@@ -93,6 +93,7 @@ BAD = {
     "{png}:size=40,low=0,high=4,entrances=100:0": "entrance 100:0 is not free",
     "{png}:size=40,low=0,high=4,texture=none.jpg": "texture none.jpg: no such file",
     "{folder}/colour.png:size=40,low=0,high=4": "is a picture in color",
+    "{folder}/eight.png:size=40,low=0,high=40": r"has 8 bits, so that 40 m are in steps of 0\.16 m, needs 16 bits",
     "{folder}/broken.png:size=40,low=0,high=4": "no PNG that can be read",
     "{folder}/broken.tif": "no TIFF that can be read",
     "{folder}/nan.tif": "has no height at all",
@@ -113,6 +114,7 @@ def bad_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_tiff(folder / "degrees.tif", z, 0.0001, model=2)
     write_tiff(folder / "holes.tif", np.where(z > 3, np.nan, z), 1.0)
     Image.fromarray(np.zeros((9, 9, 3), np.uint8)).save(folder / "colour.png")
+    Image.fromarray(np.arange(81, dtype=np.uint8).reshape(9, 9)).save(folder / "eight.png")
     for broken in ("broken.png", "broken.tif"):
         (folder / broken).write_bytes(b"II*\0 not a picture")
     return folder
