@@ -205,8 +205,8 @@ def _neighbours(node: Index, z: Array, start: Index, step: int, limits: tuple[in
 def _met(triangles: Array, grid: Heightfield, floor: Array, limits: Array) -> tuple[Mask, Array, Mask]:
     """What is met on a floor (rows, columns) m. limits: (2,) m that feet and wheels climb.
 
-    Returns grid points (2, rows, columns) where something stands higher than each limit; its top (rows, columns) m, NaN for none; and which
-    triangles (k,) lie on the floor somewhere, within the first limit.
+    Returns grid points (2, rows, columns) where something stands higher than each limit, and its top (rows, columns) m, NaN for none.
+    The third is which triangles (k,) lie on the floor somewhere, within the first limit.
     """
     blocked, top, touching = np.zeros((2, *floor.shape), dtype=bool), np.full(floor.shape, np.nan), np.zeros(len(triangles), dtype=bool)
     _stand_on(np.ascontiguousarray(triangles), np.array([*grid.origin, grid.spacing]), floor, limits, (blocked, top, touching))
