@@ -10,6 +10,7 @@ import signal
 import sys
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
@@ -125,6 +126,8 @@ def processes(workers: int, module: str = __name__) -> Iterator[Executor]:
 
     # A worker of Dask is a daemon, which multiprocessing lets start no process.
     multiprocessing.current_process().daemon = False
+    # A process whose memory has grown is replaced, which loses nothing and is no news for users.
+    warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
     executor = ProcessPoolExecutor(workers, initializer=_begin, initargs=(os.getpid(), module), env=dict.fromkeys(ONE_THREAD, "1"))
     try:
         with _deaf():
