@@ -139,3 +139,26 @@ def test_the_tracker_reports_no_pose_before_a_robot_joins() -> None:
     assert [pose is None for pose in results.poses["r1"]] == ["r1" not in e.T_world_robot for e in estimates]
     score = score_robots({name: [t[name] for t in truth] for name in truth[0]}, results.poses, results.covariances)
     assert score.absent == joined - 1
+
+
+@pytest.mark.soak
+def test_joining_keeps_the_covariance_consistent_over_many_seeds() -> None:
+    """NEES of the whole team after r1 has joined, beside that of the two others without r1 on the same draws."""
+    joined, baseline = [], []
+    for seed in range(20, 28):
+        slam, tick, _, consistency = run(seed)
+        if tick < 0:
+            print(seed, slam.counters)
+            continue
+        joined.append(np.mean([np.mean(consistency[name]) for name in consistency]))
+        setup, ticks, truth, _ = simulate(replace(HALL, seed=seed))
+        without_r1 = {camera: mount for camera, mount in setup.mounts.items() if mount.robot != "r1"}
+        slam = Slam(replace(setup, mounts=without_r1, starts={name: setup.starts[name] for name in ("r0", "r2")}), SlamParameters())
+        values = []
+        for k, true in zip(ticks, truth, strict=True):
+            slam.step(replace(k, views=tuple(v for v in k.views if v.camera != "c1")))
+            values += [nees((slam.pose(n).inverse() @ true[n]).log(), slam.covariance(n)) for n in ("r0", "r2") if k.index >= tick]
+        baseline.append(np.mean(values))
+    print(np.round(joined, 2), np.round(baseline, 2), np.mean(joined), np.mean(baseline))
+    assert np.mean(joined) < 1.3 * np.mean(baseline) + 0.2
+    assert np.mean(joined) < 2.5
