@@ -276,6 +276,8 @@ class _Calibrator:
         if best is None:
             return f"{name}: nobody walks 1 m or more in sight of it and of another camera, which its place needs"
         agree = f"{max(best, 0.0):.0%} of the people agree, needs {LEAST_SHARE:.0%}"
+        if best >= LEAST_SHARE:
+            agree = f"{best:.0%} of the people agree before the cameras are adjusted, too few after it"
         return f"{name}: sees too little of what other cameras see ({agree}), so its place is not known"
 
     def _result(self, adjusted: Adjusted | None, names: list[str]) -> Calibration:
