@@ -19,12 +19,13 @@ import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import astuple, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from worlds.engine import mujoco
+if TYPE_CHECKING:
+    from worlds.engine import mujoco
 
 TIME_LIMIT = 120.0
 """s that one guarded operation may take: many times what the slowest computer takes for one image."""
@@ -132,6 +133,9 @@ def shadow_map(GL: Any, unit: int, side: int) -> int:
 
 def texture_of(GL: Any, model: mujoco.MjModel, number: int) -> int:
     """A texture of the model, with mip maps. 2-D textures repeat."""
+    # `pilsim --help` imports this module without MuJoCo.
+    from worlds.engine import mujoco
+
     height, width, channels = (int(of[number]) for of in (model.tex_height, model.tex_width, model.tex_nchannel))
     start = int(model.tex_adr[number])
     pixels = model.tex_data[start : start + height * width * channels].reshape(height, width, channels)
