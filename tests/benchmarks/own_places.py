@@ -1,8 +1,9 @@
 """Places of a user: how exact their truth is, over seeds, and what large ones cost.
 
-python -m tests.benchmarks.own_places [WORLD ...] [--seeds N] [--speed] [--triangles 0.1,1,5] [--sides 100,300,1000]
+python -m tests.benchmarks.own_places [WORLD ...] [--seeds N] [--width PX] [--speed] [--triangles 0.1,1,5] [--sides 100,300,1000]
 
-WORLD: texts as of --world; without any, a house (mesh), a site (MJCF) and hills (height map) that the tests write. For each, a table row:
+WORLD: texts as of --world, also worlds of ours, as campus; without any, a house (mesh), a site (MJCF) and hills (height map) that the tests write.
+For each, a table row:
 feet: largest distance of a standing sole from the drawn ground, m. walls: least distance from the axis of a body, 1 m over its feet, to the place, m.
 pixels: share whose instance is that of the exact ray, more than 1.5 px from silhouettes. range: its 99th percentile error there, relative.
 boxes: share of the edges of true boxes within 1 px of those of the rays' instances. workers: whether one and two write the same bytes.
@@ -18,6 +19,7 @@ import multiprocessing
 import resource
 import tempfile
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +35,7 @@ from tests.sim.rays import cast, compare
 from tests.sim.recording.test_places import PLACES, digests, named
 from tests.worlds.places.samples import hills, write_png
 from tracker.geometry import Array
+from worlds.catalogue import WORLDS
 from worlds.engine import mujoco
 from worlds.places.place import is_place
 
@@ -44,11 +47,11 @@ FRAMES = 10
 HEADER = "world                    seeds  feet m  walls m  pixels    range  boxes   people  workers"
 
 
-def truth_row(world: str, seeds: int) -> str:
-    """The row of a place."""
+def truth_row(world: str, seeds: int, width: int) -> str:
+    """The row of a place. width: of its panoramas, px."""
     gaps, walls, edges, agreements = [], [], [], []
     for seed in range(seeds):
-        scenario = Scenario(world=world, robots=1, people=8, frames=1, width=1024, seed=seed)
+        scenario = Scenario(world=world, robots=1, people=8, frames=1, width=width, seed=seed)
         simulation = Simulation(scenario)
         for _ in range(3):
             gaps.append(float(Footfalls(simulation, 12).gap.max()))
@@ -97,8 +100,25 @@ def _same_bytes(world: str) -> bool:
         return digests(Path(folder) / "1") == digests(Path(folder) / "2")
 
 
-def speed_row(millions: float, side: float) -> str:
-    """The row of a mesh of hills of so many triangles, or of a height map, side m a side."""
+@dataclass(frozen=True)
+class Cost:
+    """What a place costs: millions of triangles, 0 for a height map, and m a side; as the table says; memory MiB."""
+
+    millions: float
+    side: float
+    build: float
+    steps: float
+    panoramas: float
+    memory: float
+
+    @property
+    def row(self) -> str:
+        kind = f"{self.millions:g} million" if self.millions else "height map"
+        return f"{kind:12s} {self.side:6.0f} {self.build:8.1f} {self.steps:8.0f} {self.panoramas:11.2f} {self.memory:8.0f}"
+
+
+def cost(millions: float, side: float) -> Cost:
+    """What a mesh of hills of so many triangles costs, or a height map, side m a side."""
     with tempfile.TemporaryDirectory() as folder:
         world = _hills(Path(folder), millions, side) if millions else write_png(Path(folder) / "dem.png", side, 1024)
         start = time.process_time()
@@ -117,9 +137,21 @@ def speed_row(millions: float, side: float) -> str:
         for _ in frames:
             pass
         panoramas = FRAMES / max(time.process_time() - start - stepping, 1e-9)
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    kind = f"{millions:g} million" if millions else "height map"
-    return f"{kind:12s} {side:6.0f} {build:8.1f} {steps:8.0f} {panoramas:11.2f} {memory:8.0f}"
+    return Cost(millions, side, build, steps, panoramas, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+
+
+def growth(costs: list[Cost]) -> list[str]:
+    """How the figures grow with triangles at each side, and with the side at each number of triangles."""
+    meshes = [c for c in costs if c.millions]
+    with_triangles = [_growth([c for c in meshes if c.side == side], "millions", f"{side:g} m") for side in sorted({c.side for c in meshes})]
+    numbers = {c.millions: f"{c.millions:g} million" if c.millions else "height map" for c in costs}
+    return [*with_triangles, *(_growth([c for c in costs if c.millions == number], "side", name) for number, name in numbers.items())]
+
+
+def _growth(costs: list[Cost], by: str, of: str) -> str:
+    least, most = (end(costs, key=lambda c: float(getattr(c, by))) for end in (min, max))
+    ratio = {name: getattr(most, name) / getattr(least, name) for name in (by, "build", "steps", "panoramas", "memory")}
+    return f"{of}: " + ", ".join(f"{name} x {times:.3g}" for name, times in ratio.items())
 
 
 def _hills(folder: Path, millions: float, side: float) -> str:
@@ -140,21 +172,25 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("worlds", nargs="*")
     parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--width", type=int, default=1024, metavar="PX")
     parser.add_argument("--speed", action="store_true")
     parser.add_argument("--triangles", type=_numbers, default=[0.0, 0.1, 1.0, 5.0], metavar="MILLIONS")
     parser.add_argument("--sides", type=_numbers, default=[100.0, 300.0, 1000.0], metavar="M")
     chosen, _ = parser.parse_known_args()
     if chosen.speed:
         print("triangles    side m  build s  steps/s panoramas/s      MiB")
+        costs = []
         for millions in chosen.triangles:
             for side in chosen.sides:
                 with multiprocessing.get_context("spawn").Pool(1) as alone:
-                    print(alone.apply(speed_row, (millions, side)), flush=True)
+                    costs.append(alone.apply(cost, (millions, side)))
+                print(costs[-1].row, flush=True)
+        print("\n".join(growth(costs)))
         return
     print(HEADER)
     with tempfile.TemporaryDirectory() as folder:
-        for world in [world for world in chosen.worlds if is_place(world)] or [named(Path(folder), place) for place in PLACES]:
-            print(truth_row(world, chosen.seeds), flush=True)
+        for world in [world for world in chosen.worlds if is_place(world) or world in WORLDS] or [named(Path(folder), place) for place in PLACES]:
+            print(truth_row(world, chosen.seeds, chosen.width), flush=True)
 
 
 if __name__ == "__main__":
