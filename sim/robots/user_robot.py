@@ -56,6 +56,7 @@ class Leg:
     """A leg: hip and knee, joints that swing it fore and aft; phase in [0, 1).
 
     back, lift: signs of the turn of the hip that swings it back, and of the knee that lifts the foot.
+    ankle: the joint that keeps the foot level, "" for none, by its turns a radian of the hip and of the knee, by_hip and by_knee.
     """
 
     hip: str
@@ -63,6 +64,9 @@ class Leg:
     back: float
     lift: float
     phase: float
+    ankle: str = ""
+    by_hip: float = 0.0
+    by_knee: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -357,9 +361,10 @@ def _carries(model: Any, joint: int, body: int) -> bool:
 
 
 def _legs(model: Any, data: Any, root: int, ground: float) -> tuple[Leg, ...]:
-    """Chains of hinges from the root down to a body that touches the ground: the first and the last of those with a lateral axle."""
+    """Chains of hinges from the root down to a body that touches the ground: hip, knee and ankle are the first of those with a lateral axle."""
     legs: list[Leg] = []
-    for body in range(1, model.nbody):
+    # From the feet on: a shin near the ground is none.
+    for body in range(model.nbody - 1, 0, -1):
         mine = [g for g in range(model.ngeom) if model.geom_bodyid[g] == body]
         if model.body_rootid[body] != root or not mine:
             continue
@@ -388,7 +393,11 @@ def _leg(model: Any, data: Any, swings: list[int], foot: int) -> Leg:
     shorter = np.linalg.norm(bent.xpos[foot] - anchor) < np.linalg.norm(data.xpos[foot] - anchor)
     x, y = anchor[:2] - data.xpos[model.body_rootid[foot]][:2]
     phase = 0.5 if (y > 0) != (x > 0.05) else 0.0
-    return Leg(model.joint(hip).name, model.joint(knee).name, float(np.sign(data.xaxis[hip][1])), 1.0 if shorter else -1.0, phase)
+    sign = np.sign([data.xaxis[joint][1] for joint in swings[:3]]).tolist()
+    leg = Leg(model.joint(hip).name, model.joint(knee).name, sign[0], 1.0 if shorter else -1.0, phase)
+    if len(swings) == 2:
+        return leg
+    return replace(leg, ankle=model.joint(swings[2]).name, by_hip=-sign[0] * sign[2], by_knee=-sign[1] * sign[2])
 
 
 def _told_place(name: str, path: Path, scene: tuple[Any, Any], T_root: Pose) -> Pose | None:

@@ -80,9 +80,11 @@ class GuidedRobots:
             raise ValueError(f"{robot.path}: {error}") from None
 
     def _leg_addresses(self, k: int, robot: UserRobot) -> tuple[Ints, Array]:
-        """Position addresses (legs, 2) of hips and knees, and back, lift, phase (legs, 3)."""
-        at = [[self._model.joint(f"robot_{k}/{name}").qposadr[0] for name in (leg.hip, leg.knee)] for leg in robot.legs]
-        return np.array(at, dtype=np.int64).reshape(-1, 2), np.array([(leg.back, leg.lift, leg.phase) for leg in robot.legs]).reshape(-1, 3)
+        """Position addresses (legs, 3) of hips, knees and ankles, and back, lift, phase, by_hip, by_knee (legs, 5)."""
+        names = [(leg.hip, leg.knee, leg.ankle or leg.hip) for leg in robot.legs]
+        at = [[self._model.joint(f"robot_{k}/{name}").qposadr[0] for name in joints] for joints in names]
+        turns = [(leg.back, leg.lift, leg.phase, leg.by_hip, leg.by_knee) for leg in robot.legs]
+        return np.array(at, dtype=np.int64).reshape(-1, 3), np.array(turns).reshape(-1, 5)
 
     def __contains__(self, robot: int) -> bool:
         return robot in self._robots
@@ -145,14 +147,16 @@ class GuidedRobots:
         data.qpos[positions], data.qvel[velocities] = rest, 0.0
 
     def _swing(self, k: int, data: mujoco.MjData) -> None:
-        """Legs by the phase of the gait: on the ground a foot goes back, in the air it is lifted and goes ahead."""
+        """Legs by the phase of the gait: on the ground a foot goes back, in the air it is lifted and goes ahead. Ankles keep feet level."""
         course, (at, legs) = self._courses[k], self._joints[k][3]
         if not len(at):
             return
         phase = 2 * np.pi * (course.walked + legs[:, 2])
         strength = min(1.0, abs(course.speed) / WALKING_SPEED)
-        data.qpos[at[:, 0]] += legs[:, 0] * SWING * strength * np.sin(phase)
-        data.qpos[at[:, 1]] += legs[:, 1] * LIFT * strength * np.maximum(0.0, -np.cos(phase))
+        hip = legs[:, 0] * SWING * strength * np.sin(phase)
+        knee = legs[:, 1] * LIFT * strength * np.maximum(0.0, -np.cos(phase))
+        for joint, turn in enumerate((hip, knee, legs[:, 3] * hip + legs[:, 4] * knee)):
+            data.qpos[at[:, joint]] += turn
 
     def _slope(self, k: int, place: Array, yaw: float) -> Array:
         """Upward normal (3,) of the plane through the ground under the feet."""

@@ -14,9 +14,9 @@ from sim.rendering.gl_context import GLUnavailable
 NAMES = (
     "crowd", "simulation", "panorama", "workers", "writing", "clique", "slam", "space", "throughput", "utias", "tracker", "crowds", "placement",
     "placement_reward", "detector_models", "prediction", "detectors", "growth", "interruption", "effects", "calibration",
-    "own_places",
+    "own_places", "own_robots",
 )  # fmt: skip
-LONG = ("space", "crowds", "placement_reward", "growth", "interruption", "calibration", "own_places")
+LONG = ("space", "crowds", "placement_reward", "growth", "interruption", "calibration", "own_places", "own_robots")
 
 
 def main() -> int:

@@ -93,6 +93,18 @@ def walker(folder: Path) -> str:
     return str(folder / "walker.xml")
 
 
+def biped(folder: Path) -> str:
+    """Two legs with hips, knees and ankles."""
+    joint, bone = '<joint name="{0}_{1}" axis="0 {2} 0" range="-90 90" limited="true"/>', '<geom type="capsule" fromto="0 0 0 0 0 -0.35" size="0.04"/>'
+    foot = f'<body name="{{0}}_foot" pos="0 0 -0.4">{joint.format("{0}", "ankle", -1)}<geom type="box" size="0.1 0.04 0.02"/></body>'
+    shank = f'<body name="{{0}}_shank" pos="0 0 -0.4">{joint.format("{0}", "knee", 1)}{bone}{foot}</body>'
+    leg = f'<body name="{{0}}_thigh" pos="0 {{1}} 0">{joint.format("{0}", "hip", 1)}{bone}{shank}</body>'
+    trunk = f'<geom type="box" size="0.1 0.15 0.2" pos="0 0 0.2"/>{leg.format("l", 0.1)}{leg.format("r", -0.1)}'
+    body = f'<body name="trunk" pos="0 0 0.82">{trunk}</body>'
+    (folder / "biped.xml").write_text(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
+    return str(folder / "biped.xml")
+
+
 def quadrotor(folder: Path) -> str:
     """A body with four rotors, whose centre of mass is off its origin."""
     rotors = "".join(f'<geom name="rotor{k}" type="cylinder" size="0.1 0.005" pos="{x} {y} 0.03" mass="0.05"/>' for k, (x, y) in

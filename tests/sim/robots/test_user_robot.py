@@ -15,7 +15,7 @@ from sim.robots.robot_choice import RobotChoice, parse_robots
 from sim.robots.user_robot import encoder_wheels, load_robot, wheel_commands
 from sim.scenario import Scenario
 from sim.simulation import Simulation
-from tests.sim.robots.samples import ackermann, differential, kiwi, mecanum, quadrotor, rolling, self_controlled, skid_steer, tower, walker
+from tests.sim.robots.samples import ackermann, biped, differential, kiwi, mecanum, quadrotor, rolling, self_controlled, skid_steer, tower, walker
 from tracker.detections.occlusion import Bodies, Viewpoint
 from tracker.geometry import Pose, rotation_from_quaternion
 from tracker.sequence.calibration import calibration_of, setup_from
@@ -82,6 +82,17 @@ def test_a_state_is_restored_bit_by_bit(tmp_path: Path, make: Callable[[Path], s
     simulation.restore(saved)
     simulation.step()
     np.testing.assert_array_equal(simulation.data.qpos, first)
+
+
+def test_ankles_keep_the_feet_of_a_robot_level(tmp_path: Path) -> None:
+    simulation = Simulation(Scenario(world="hall", difficulty=0.0, robots=1, people=0, robot=biped(tmp_path)))
+    up = []
+    for _ in range(18):
+        simulation.step()
+        up.append([simulation.data.body(f"robot_0/{part}").xmat[8] for part in ("l_thigh", "r_thigh", "l_foot", "r_foot")])
+    thighs, feet = np.split(np.array(up), 2, axis=1)
+    assert thighs.min() < np.cos(0.2), "its legs swing"
+    assert feet.min() > np.cos(0.01)
 
 
 def test_the_camera_is_where_it_is_told(tmp_path: Path) -> None:
