@@ -27,7 +27,7 @@ RELATIVE = STATURE / SPREAD
 """1 over the relative deviation of statures."""
 CAUCHY = 3.5
 """Scale of Cauchy's weight, in standard deviations of a box, of which three are independent: 0.8 in the mean without outliers."""
-GLOBAL_PRIOR = np.array([[0.15, 0.08], [0.2, 0.06], [STATURE, 0.03], [0.0, 0.01], [0.03, 0.03], [-0.01, 0.015]])
+GLOBAL_PRIOR = np.array([[0.15, 0.08], [0.2, 0.06], [STATURE, 0.06], [0.0, 0.01], [0.03, 0.03], [-0.01, 0.015]])
 """Mean and deviation of body.GLOBALS: bodies are between cylinders of 0.5 m, as simulated ones, and people with feet and a head.
 
 Boxes of detectors end below the top of these and above their feet (the fitted models in detector_models).
@@ -40,6 +40,8 @@ OUTLIER = 30.0
 """Residual where a box has no pixel."""
 MOST_RATIO, LEAST_INLIERS = 0.16, 0.4
 """Of people: greatest logarithm of their stature over the mean, three deviations, and least share of boxes that are no outliers."""
+LEAST_PEOPLE = 3
+"""People up to whom the variance of their errors is not known better than with so many."""
 INLIER = 0.45
 """Weight of a box that is no outlier."""
 BIAS = 0.005
@@ -394,7 +396,9 @@ class Problem:
         score = np.zeros((int(chunk.max()) + 1, reduced.shape[1]))
         np.add.at(score, np.repeat(chunk, 3), reduced * system["r"][:, None])
         common, lens = (reduced.T @ errors / np.sqrt(bend) for errors in (self._common_errors(state), self._lens_errors(state)))
-        return gradient, H, score.T @ score + (H - reduced.T @ reduced) + common @ common.T + lens @ lens.T, lens
+        # So few people tell little of how much people differ: the variance of Student's t, with as many degrees of freedom.
+        few = self.people / (self.people - 2) if self.people > LEAST_PEOPLE else LEAST_PEOPLE
+        return gradient, H, few * score.T @ score + (H - reduced.T @ reduced) + common @ common.T + lens @ lens.T, lens
 
     def covariance(self, held: Mask | None = None) -> Array:
         """Covariance (cameras · 11, same) of the parameters but those `held` (free,), which are known."""

@@ -311,7 +311,7 @@ class _Calibrator:
             self.problems.append(f"all people walk on one line ({size}), which leaves the turns of cameras about it open")
         self.problems += self._contradictions(adjusted)
         sigma = np.sqrt(np.abs(np.diag(adjusted.covariance))).reshape(-1, 11)
-        sigma[:, [PITCH, ROLL, YAW]] = self._turns(adjusted, names)
+        sigma[:, [PITCH, ROLL, YAW, X, Y]] = self._apart_from_scale(adjusted, names)
         for k, name in enumerate(names):
             distance = float(np.median(np.hypot(*(places - adjusted.rows[k, [X, Y]]).T)))
             if sigma[k, FOCAL] > MOST_SIGMA[FOCAL]:
@@ -322,22 +322,24 @@ class _Calibrator:
             elif np.hypot(*sigma[k, [X, Y]]) > MOST_PLACE * distance:
                 self.problems.append(f"{name}: its place is known to {np.hypot(*sigma[k, [X, Y]]):.2f} m only")
 
-    def _turns(self, adjusted: Adjusted, names: list[str]) -> Array:
-        """Deviations (n, 3) rad of pitch, roll and yaw of the middle of each image, against the camera that defines the world.
+    def _apart_from_scale(self, adjusted: Adjusted, names: list[str]) -> Array:
+        """Deviations (n, 5) of pitch, roll and yaw rad of the middle of each image, and of x, y m, against the camera that defines the world.
 
-        A principal point and the camera's turn are known together better than each.
+        A principal point and the camera's turn are known together better than each. Where statures alone give the scale, it is left out.
         """
-        T = np.zeros((len(names), 3, len(names), 11))
+        T = np.zeros((len(names), 5, len(names), 11))
         for k, name in enumerate(names):
             lens, pitch = lens_of(self.views[name].camera, adjusted.rows[k]), float(adjusted.rows[k, PITCH])
             wide = lens.width / lens.fx if isinstance(lens, LensCamera) else 0.0
-            T[k, range(3), k, [PITCH, ROLL, YAW]] = 1.0
-            T[k, :, k, CX] = 0.0, wide * np.tan(pitch), wide / np.cos(pitch)
+            T[k, range(5), k, [PITCH, ROLL, YAW, X, Y]] = 1.0
+            if not self._scaled():
+                T[k, 3:, :, HEIGHT] -= adjusted.rows[k, [X, Y], None] / len(names)
+            T[k, :3, k, CX] = 0.0, wide * np.tan(pitch), wide / np.cos(pitch)
             T[k, 0, k, CY] = -wide
         first = names.index(min(self.posed)) if self.posed else 0
         T[:, 2] -= T[first, 2].copy()
-        variance = np.einsum("ij,jk,ik->i", flat := T.reshape(3 * len(names), -1), adjusted.covariance, flat)
-        return np.asarray(np.sqrt(np.maximum(variance, 0.0)).reshape(-1, 3))
+        variance = np.einsum("ij,jk,ik->i", flat := T.reshape(5 * len(names), -1), adjusted.covariance, flat)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)).reshape(-1, 5))
 
 
 def _value(found: list[Match]) -> float:
