@@ -20,7 +20,7 @@ ROVER_HEIGHT = (1.0, 1.5)
 BLOCK = ("lab", "lab", "lab", "lab", "lab", "office", "office", "office", "hall", "hall", "hall", "square", "square", "square", "square",
          "outdoor", "outdoor", "outdoor", "rovers", "rovers")  # fmt: skip
 """Kinds of 20 cases that follow each other, in an order of their own; a third are small rooms full of people, or with furniture."""
-MOST_WORK, MOST_FRAMES, LEAST_FRAMES = 5000, 160, 40
+MOST_WORK, MOST_FRAMES, LEAST_FRAMES = 2200, 120, 30
 """Frames times people times cameras of a case, so that it is tracked within seconds; bounds of its frames."""
 
 
