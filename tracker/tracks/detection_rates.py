@@ -19,11 +19,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
 from tracker.detections.ground_points import GroundDetections
-from tracker.geometry import Array, Ints
+from tracker.geometry import Array, Ints, Mask
 
 LEVELS = np.array([0.5, 0.8, 0.9, 0.97])
 """Bounds between the classes of confidences that are probabilities."""
@@ -127,7 +126,7 @@ class DetectionRates:
             out *= np.interp(cover[:, by], COVER_MIDDLES, np.minimum.accumulate(np.append(1.0, share)))
         return out
 
-    def learn_partly_visible(self, camera: str, cover: Array, found: NDArray[np.bool_]) -> None:
+    def learn_partly_visible(self, camera: str, cover: Array, found: Mask) -> None:
         """Count which people (n,) were found, by their covered shares (n, 2); people covered by both objects and people are left out."""
         for by in range(2):
             rows = (cover[:, by] >= COVER_BOUNDS[0]) & (cover[:, 1 - by] < COVER_BOUNDS[1] / 2)
@@ -243,36 +242,46 @@ SEEN_AGAIN = 0.8
 
 
 class StandingClutter:
-    """The maps of all views."""
+    """The maps of all views: of each camera, the keys (k,) of cells in ascending order, and their counts (k,)."""
 
     def __init__(self) -> None:
-        self._maps: dict[str, dict[tuple[int, int], float]] = {}
+        self._maps: dict[str, tuple[Ints, Array]] = {}
 
     def density(self, feet: GroundDetections) -> Array:
         """Density (n,) of false boxes that stay, a square metre and tick, at the boxes of a view."""
-        out, known = np.zeros(len(feet)), self._maps.get(feet.camera)
-        if not known:
-            return out
-        for k in np.flatnonzero(feet.grounded).tolist():
-            out[k] = sum(known.get((int(i), int(j)), 0.0) for i, j in _cell(feet.point[k, :2]) + AROUND)
+        out = np.zeros(len(feet))
+        if feet.camera in self._maps:
+            row, known = self._rows(feet.camera, feet.point[feet.grounded, :2])
+            out[feet.grounded] = np.where(known, self._maps[feet.camera][1][row], 0.0).sum(axis=1)
         return np.maximum(out - CHANCE, 0.0) / (len(AROUND) * CELL**2 * (CLUTTER_MEMORY + UNKNOWN))
 
     def learn(self, feet: GroundDetections, false: Array, sure: Array) -> None:
         """Count a tick of a view. false (n,): probability of each box to be false. sure (m, 2) m: places of people whom several views see."""
-        known = self._maps.setdefault(feet.camera, {})
-        fade = np.exp(-1 / CLUTTER_MEMORY)
-        for cell, count in list(known.items()):
-            known[cell] = fade * count
-            if known[cell] < LEAST_IN_CELL:
-                del known[cell]
-        for k in np.flatnonzero(feet.grounded & (false > SURELY_FALSE)).tolist():
-            i, j = _cell(feet.point[k, :2]).tolist()
-            known[i, j] = known.get((i, j), 0.0) + float(false[k])
-        for place in sure:
-            for i, j in (_cell(place) + AROUND).tolist():
-                if (i, j) in known:
-                    known[i, j] *= SEEN_AGAIN
+        key, count = self._maps.get(feet.camera, (np.zeros(0, dtype=np.int64), np.zeros(0)))
+        count = np.exp(-1 / CLUTTER_MEMORY) * count
+        kept, rows = count >= LEAST_IN_CELL, feet.grounded & (false > SURELY_FALSE)
+        keys = np.concatenate([key[kept], _key(_cell(feet.point[rows, :2]))])
+        key, of = np.unique(keys, return_inverse=True)
+        count = np.bincount(of, np.concatenate([count[kept], false[rows]]), len(key))
+        if not len(key):
+            self._maps.pop(feet.camera, None)
+            return
+        self._maps[feet.camera] = key, count
+        row, known = self._rows(feet.camera, sure)
+        np.multiply.at(count, row[known], SEEN_AGAIN)
+
+    def _rows(self, camera: str, place: Array) -> tuple[Ints, Mask]:
+        """Rows (n, 9) in the map of a camera of the cells around places (n, 2) m, and which of them it has."""
+        key = self._maps[camera][0]
+        wanted = _key(_cell(place)[:, None] + AROUND)
+        row = np.minimum(np.searchsorted(key, wanted), len(key) - 1)
+        return row, key[row] == wanted
 
 
 def _cell(place: Array) -> Ints:
     return np.asarray(np.floor(place / CELL), dtype=np.int64)
+
+
+def _key(cell: Ints) -> Ints:
+    """One number (...,) for each cell (..., 2)."""
+    return np.asarray(cell[..., 0] * 2**32 + cell[..., 1])
