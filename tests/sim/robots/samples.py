@@ -95,7 +95,8 @@ def walker(folder: Path) -> str:
 
 def biped(folder: Path) -> str:
     """Two legs with hips, knees and ankles."""
-    joint, bone = '<joint name="{0}_{1}" axis="0 {2} 0" range="-90 90" limited="true"/>', '<geom type="capsule" fromto="0 0 0 0 0 -0.35" size="0.04"/>'
+    joint = '<joint name="{0}_{1}" axis="0 {2} 0" range="-90 90" limited="true"/>'
+    bone = '<geom type="capsule" fromto="0 0 0 0 0 -0.35" size="0.04"/>'
     foot = f'<body name="{{0}}_foot" pos="0 0 -0.4">{joint.format("{0}", "ankle", -1)}<geom type="box" size="0.1 0.04 0.02"/></body>'
     shank = f'<body name="{{0}}_shank" pos="0 0 -0.4">{joint.format("{0}", "knee", 1)}{bone}{foot}</body>'
     leg = f'<body name="{{0}}_thigh" pos="0 {{1}} 0">{joint.format("{0}", "hip", 1)}{bone}{shank}</body>'
