@@ -361,7 +361,7 @@ def _carries(model: Any, joint: int, body: int) -> bool:
 
 
 def _legs(model: Any, data: Any, root: int, ground: float) -> tuple[Leg, ...]:
-    """Chains of hinges from the root down to a body that touches the ground: hip, knee and ankle are the first of those with a lateral axle."""
+    """Chains of hinges from the root down to a body on the ground. Hip, knee and ankle are the first three with a lateral axle."""
     legs: list[Leg] = []
     # From the feet on: a shin near the ground is none.
     for body in range(model.nbody - 1, 0, -1):

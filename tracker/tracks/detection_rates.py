@@ -260,15 +260,14 @@ class StandingClutter:
         key, count = self._maps.get(feet.camera, (np.zeros(0, dtype=np.int64), np.zeros(0)))
         count = np.exp(-1 / CLUTTER_MEMORY) * count
         kept, rows = count >= LEAST_IN_CELL, feet.grounded & (false > SURELY_FALSE)
-        keys = np.concatenate([key[kept], _key(_cell(feet.point[rows, :2]))])
-        key, of = np.unique(keys, return_inverse=True)
-        count = np.bincount(of, np.concatenate([count[kept], false[rows]]), len(key))
-        if not len(key):
+        keys, of = np.unique(np.concatenate([key[kept], _key(_cell(feet.point[rows, :2]))]), return_inverse=True)
+        total = np.bincount(of, np.concatenate([count[kept], false[rows]]), len(keys)).astype(np.float64)
+        if not len(keys):
             self._maps.pop(feet.camera, None)
             return
-        self._maps[feet.camera] = key, count
+        self._maps[feet.camera] = keys, total
         row, known = self._rows(feet.camera, sure)
-        np.multiply.at(count, row[known], SEEN_AGAIN)
+        np.multiply.at(total, row[known], SEEN_AGAIN)
 
     def _rows(self, camera: str, place: Array) -> tuple[Ints, Mask]:
         """Rows (n, 9) in the map of a camera of the cells around places (n, 2) m, and which of them it has."""
