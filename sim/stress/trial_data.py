@@ -153,7 +153,8 @@ def _read_recording(case: Case) -> TrialData:
     if case.parameter == "fewer":
         names = list(open_recording(folder).cameras)
         cameras = tuple(names[: len(names) - int(case.value)])
-    sequence = open_sequence(folder, SourceOptions(cameras, frames=(0, case.scenario.frames), degradation=degrade, seed=case.scenario.seed))
+    options = SourceOptions(cameras, frames=(0, case.scenario.frames), degradation=degrade, seed=case.scenario.seed)
+    sequence = open_recording(folder, options).in_step().sequence()
     if sequence.truth is None:
         raise ValueError(f"{folder}: no truth, which a stress test needs")
     recorded = list(sequence.ticks)[: len(sequence.truth)]

@@ -65,7 +65,7 @@ def open_cameras(path: Path, options: SourceOptions, people: int | None) -> User
     Models are fitted where there are boxes and truth. Raises ValueError, in one line with the path, for cameras on robots and too little truth.
     It also raises it for a number of people that is missing or out of bounds.
     """
-    recording = open_recording(path, options)
+    recording = open_recording(path, options).in_step()
     if moving := [name for name, camera in recording.cameras.items() if camera.robot is not None]:
         raise ValueError(f"{path}: camera {moving[0]} is on a robot, needs cameras that stand still; --cameras chooses some")
     known = [feet for _, feet in (recording.truth or {}).values() if len(feet)]

@@ -282,6 +282,7 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("rows", nargs="*", metavar="ROWS")
     out.add_argument("--set", action="append", default=[], metavar="FIELD=VALUE", help="a field of the tracker's parameters; repeatable")
     out.add_argument("--transform", choices=TRANSFORMS, help="other confidences of all boxes")
+    out.add_argument("--offsets", default="", help="offsets of cameras' clocks, as of `track`: auto")
     out.add_argument("--tuning", action="store_true", help="only what parameters may be tuned on, cut before tracking")
     out.add_argument("--parts", action="store_true", help="a line for each part and run, too")
     out.add_argument("--json", action="store_true", help="a JSON object a row")
@@ -309,6 +310,8 @@ def run(options: argparse.Namespace) -> None:
     jobs = []
     for row in rows:
         for source in row.runs.values():
+            if options.offsets and source.path is not None:
+                source = replace(source, options=replace(source.options, offsets=options.offsets))
             delay = row.delay if row.delay is not None else DELAY if options.delay is None else options.delay
             parameters = with_fields(parameters_from(given | {"delay": delay, "images": source.options.images}), options.set)
             jobs.append(delayed(outcome)(source, None if options.tuning else row.tuned, parameters, options.transform))

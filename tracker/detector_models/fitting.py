@@ -55,7 +55,7 @@ class Fit:
 
 def open_source(path: Path, options: SourceOptions) -> Source:
     """Open a recording for a fit. Raises ValueError, with the path, where it has no detector's boxes, no truth, or where options do not fit it."""
-    recording = open_recording(path, options)
+    recording = open_recording(path, options).in_step()
     if not recording.detections:
         raise ValueError(f"{path}: has no detections, which a fit needs (--detections)")
     description = {"folder": path.resolve().name, "cameras": list(recording.detections), "frames": [0, recording.frames], **recording.source}

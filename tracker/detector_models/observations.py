@@ -105,7 +105,7 @@ def observed(recording: Recording, truth: TruePeople, detections: Mapping[str, F
         camera = recording.cameras[name]
         for frame, (person, feet) in sorted(truth.places.items()):
             pose = recording.pose_at(camera, frame)
-            if pose is None or not 0 <= frame < recording.frames:
+            if pose is None or not 0 <= frame < recording.frames or frame not in recording.searched.get(name, (frame,)):
                 continue
             known = truth.boxes.get(name, {}).get(frame)
             bodies = bodies_in_view((camera.camera, pose), person, feet, recording.pillars, known, truth.heights)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -93,7 +93,7 @@ def projected_boxes(recording: Recording, noise: BoxNoise | None = None, seed: i
         if camera.robot is not None and recording.robots[camera.robot].truth is None:
             raise ValueError(f"camera {name} is on robot {camera.robot}, which has no true poses (robot_truth.csv), which projected boxes need")
         boxes: dict[int, tuple[Array, Array]] = {}
-        for frame, (_, feet) in sorted(recording.truth.items()):
+        for frame, (_, feet) in sorted(recording.truth_of(name).items()):
             pose = recording.pose_at(camera, frame)
             box = np.zeros((0, 4)) if pose is None else body_boxes(camera.camera, pose, feet, BODY)
             boxes[frame] = box, np.full(len(box), CONFIDENCE)
@@ -141,12 +141,12 @@ class Degradation:
     def apply(
         self,
         boxes: FrameBoxes,
-        frames: int,
+        frames: Iterable[int],
         view: tuple[Camera, Pose],
         place: tuple[Array | None, Ground],
         rng: np.random.Generator,
     ) -> FrameBoxes:
-        """The degraded boxes of the first `frames` frames of a view (camera model, T_world_camera).
+        """The degraded boxes of the frames of a view (camera model, T_world_camera).
 
         place: area (2, 2) m and ground. False boxes have feet uniform in the area on the ground, and statures uniform in HEIGHTS.
         Their confidences are drawn from those of the given boxes, of at least 0.5 where possible.
@@ -156,7 +156,7 @@ class Degradation:
         # Detectors report many false boxes of low confidence. The added boxes must look like true ones, so low confidences are left out.
         likely = likely[likely >= 0.5] if (likely >= 0.5).any() else likely
         degraded: dict[int, tuple[Array, Array]] = {}
-        for frame in range(frames):
+        for frame in frames:
             box, confidence = boxes.get(frame, (np.zeros((0, 4)), np.zeros(0)))
             kept = rng.random(len(box)) >= self.drop
             box = box[kept] + np.column_stack([rng.normal(0.0, 1.0, (int(kept.sum()), 2)) * self.noise, np.zeros((int(kept.sum()), 2))])
@@ -180,8 +180,9 @@ def degraded_boxes(recording: Recording, degradation: Degradation, seed: int) ->
     for name, given in recording.detections.items():
         camera = recording.cameras[name]
         view, place = (camera.camera, camera.pose), (area, recording.ground)
-        detections[name] = degradation.apply(given, recording.frames, view, place, stream(seed, name))
-    return recording.with_detections(detections)
+        frames = recording.own_frames(name)
+        detections[name] = degradation.apply(given, frames, view, place, stream(seed, name))
+    return replace(recording.with_detections(detections), searched=recording.searched)
 
 
 def _false_box(view: tuple[Camera, Pose], place: tuple[Array | None, Ground], rng: np.random.Generator) -> Array | None:

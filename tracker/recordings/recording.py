@@ -262,6 +262,31 @@ class Recording:
                 out[k] = float(apart[k]), frame
         return {frame: k for k, (_, frame) in out.items()}
 
+    def own_frames(self, name: str) -> Iterable[int]:
+        """The frames of a camera up to the end of the recording, by its clock."""
+        if name not in self.clocks or self.cameras[name].robot is not None or self._common_stamps or not self.frames:
+            return range(self.frames)
+        return self.clocks[name].frames(float(self.schedule.times[-1]) + TOGETHER, self.rate)
+
+    def truth_of(self, name: str) -> Mapping[int, tuple[Ints, Array]]:
+        """Own frame of a camera → ids (k,) and places (k, 3) m of people at its time; between frames of the truth, of who is in both."""
+        truth = self.truth or {}
+        if name not in self.clocks or self.cameras[name].robot is not None or self._common_stamps:
+            return truth
+        known, out = sorted(truth), dict[int, tuple[Ints, Array]]()
+        times = self.schedule.times[known]
+        for frame in self.own_frames(name):
+            time = self.clocks[name].time(frame, self.rate)
+            k = int(np.searchsorted(times, time - TOGETHER))
+            if k < len(known) and times[k] <= time + TOGETHER:
+                out[frame] = truth[known[k]]
+            elif 0 < k < len(known):
+                (before, start), (after, end) = truth[known[k - 1]], truth[known[k]]
+                ids, i, j = np.intersect1d(before, after, return_indices=True)
+                share = (time - times[k - 1]) / (times[k] - times[k - 1])
+                out[frame] = ids, (1 - share) * start[i] + share * end[j]
+        return out
+
     @property
     def fixed(self) -> dict[str, RecordingCamera]:
         """The cameras that stand still."""

@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 
 from tests.tracker.recordings.walked_room import walked_room
+from tracker.detector_models.observations import TruePeople, observed
 from tracker.metrics.evaluation import evaluate
 from tracker.pipeline import Parameters, track
 from tracker.recordings import Recording
 from tracker.recordings.clock_offsets import estimated_offsets, parsed_offsets, with_offsets
 from tracker.recordings.clocks import TOGETHER, CameraClock, Schedule
+from tracker.recordings.degradation import Degradation, degraded_boxes, projected_boxes
 from tracker.recordings.folder import read_recording, write_recording
 from tracker.sequence.results import Results
 
@@ -145,3 +147,26 @@ def test_offsets_of_clocks_are_found_and_applied(late: int) -> None:
     assert mended.frames >= room.frames
     assert mended.clocks["C2"].time(0, 4.0) == late / 4
     assert len(list(mended.sequence().ticks)) >= room.frames
+
+
+def test_boxes_are_projected_and_degraded_at_the_times_of_each_camera() -> None:
+    """A camera at 5 frames/s, 0.1 s late, sees the places of every fourth frame from the second on; one without stamps for a frame has no box."""
+    room = fast_room()
+    exact, own = projected_boxes(room), projected_boxes(replace(room, detections={}, clocks=OWN))
+    assert sorted(own.detections["C2"]) == list(range(30))
+    assert sorted(own.detections["C3"]) == sorted(OWN["C3"].stamps or {})
+    for frame, (boxes, _) in own.detections["C2"].items():
+        np.testing.assert_allclose(boxes, exact.detections["C2"][4 * frame + 2][0])
+    # Between frames of the truth, places are interpolated.
+    half = replace(room, detections={}, clocks={"C2": CameraClock(0.5 / RATE)})
+    places = half.truth_of("C2")[7][1]
+    np.testing.assert_allclose(places, ((room.truth or {})[7][1] + (room.truth or {})[8][1]) / 2)
+    worse = degraded_boxes(own, Degradation(drop=0.5), 1)
+    assert {name: len(of) for name, of in worse.detections.items()} == {"C1": 120, "C2": 30, "C3": len(OWN["C3"].stamps or {}), "C4": 120}
+
+
+def test_frames_without_a_picture_are_no_misses_of_a_detector() -> None:
+    room = fast_room()
+    apart = with_clocks(room, OWN).in_step()
+    shown = {name: [one.frame for one in observed(apart, TruePeople(apart.truth or {}, {})) if one.camera == name] for name in room.cameras}
+    assert {name: len(frames) for name, frames in shown.items()} == {"C1": 120, "C2": 30, "C3": len(OWN["C3"].stamps or {}), "C4": 120}

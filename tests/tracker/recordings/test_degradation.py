@@ -24,7 +24,7 @@ def boxes() -> FrameBoxes:
 
 
 def worse(degradation: Degradation, seed: int = 1) -> FrameBoxes:
-    return degradation.apply(boxes(), FRAMES, VIEW, (AREA, Flat()), np.random.default_rng(seed))
+    return degradation.apply(boxes(), range(FRAMES), VIEW, (AREA, Flat()), np.random.default_rng(seed))
 
 
 def test_boxes_are_dropped_and_moved() -> None:
