@@ -19,6 +19,7 @@ from tracker.geometry import Array, wrap
 from tracker.geometry.camera_protocol import MAX_SIDE
 from tracker.io.atomic import write_text
 from tracker.io.json_files import JsonObject, read_json
+from tracker.io.text_files import parse_number
 from tracker.sequence.calibration import MAX_RATE, MIN_RATE
 
 LABELS_2D, LABELS_3D, DETECTIONS = "labels/labels_2d_stitched", "labels/labels_3d", "detections/detections_2d_stitched"
@@ -28,6 +29,7 @@ OCCLUSION = ((0.95, "Fully_visible"), (0.5, "Mostly_visible"), (0.0, "Severely_o
 HIDDEN = "Fully_occluded"
 _LABEL = "pedestrian:"
 _DETECTION = "person:"
+_PANORAMA = "stitched_image0"
 _SPACE = ("cx", "cy", "cz", "l", "w", "h", "rot_z")
 
 
@@ -174,6 +176,18 @@ def read_detections_2d(path: Path) -> dict[int, tuple[Array, Array]]:
         if (boxes[:, 2:] < 0).any():
             raise people[int(np.argmax((boxes[:, 2:] < 0).any(axis=1)))].refused("box", "a width and a height of at least 0")
         out[frame] = boxes, np.array([entry.number("score") for entry in people])
+    return out
+
+
+def read_times(path: Path) -> dict[int, float]:
+    """Number of an image → s at which the panorama was taken, of frames_img.json. Raises ValueError as read_labels_2d."""
+    out = {}
+    for row in JsonObject(read_json(path), str(path)).objects("data"):
+        for camera in row.objects("cameras"):
+            if camera.a("name", str) == _PANORAMA:
+                stem = camera.text("url", r".*?[0-9]{1,12}\.\w+", "a path that ends in NUMBER.jpg").rpartition("/")[2].partition(".")[0]
+                time = camera.values.get("timestamp")
+                out[int(stem)] = parse_number(time, f"{camera.where}: timestamp") if isinstance(time, str) else camera.number("timestamp")
     return out
 
 

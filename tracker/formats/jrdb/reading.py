@@ -4,6 +4,7 @@
     labels/labels_2d_stitched/SEQ.json                  optional: boxes of the same people in the panorama.
     detections/detections_2d_stitched/SEQ.json          optional: a detector's boxes; or detections/SEQ.txt, MOT15, frames from 1.
     images/image_stitched/SEQ/000000.jpg                optional: panoramas.
+    timestamps/SEQ/frames_img.json                      optional: when they were taken.
 
 `labels/` and `detections_2d_stitched/` may be left out of the paths. The panorama of JRDB is a cylinder of 3760 x 480 px: feet on the floor at a
 range of r metres are in row 210.7 + 481 / r. Its focal length and its height above the floor enter as their product alone. Sizes of boxes tell
@@ -34,6 +35,7 @@ from tracker.formats.jrdb.files import (
     read_labels_2d,
     read_labels_3d,
     read_note,
+    read_times,
 )
 from tracker.geometry import Array, Ints, Pose
 from tracker.geometry.cameras import Camera, Cylinder, Panorama
@@ -41,6 +43,7 @@ from tracker.io.image_files import PICTURES, image_size
 from tracker.io.picture_folders import visible_files
 from tracker.io.resume import checksum
 from tracker.recordings import FrameBoxes, Recording, RecordingCamera
+from tracker.recordings.clocks import CameraClock
 from tracker.recordings.folder import read_boxes
 from tracker.recordings.images import ImageFiles
 from tracker.recordings.recording import MAX_FRAMES, STATURE
@@ -67,6 +70,7 @@ class JrdbSequence:
     detections: Path | None
     boxes: Path | None
     images: Path | None
+    times: Path | None
 
 
 def is_jrdb(path: Path) -> bool:
@@ -89,7 +93,7 @@ def jrdb_sequence(path: Path) -> JrdbSequence:
         example = next((file for files in found.values() for file in files.values()), root / LABELS_3D / "SEQ.json")
         raise ValueError(f"{path}: holds {some} of JRDB, needs one; name it by its file of labels, as {example}")
     name = wanted or names[0]
-    boxes, images = root / "detections" / f"{name}.txt", root / IMAGES / name
+    boxes, images, times = root / "detections" / f"{name}.txt", root / IMAGES / name, root / "timestamps" / name / "frames_img.json"
     return JrdbSequence(
         name,
         found[LABELS_3D].get(name),
@@ -97,6 +101,7 @@ def jrdb_sequence(path: Path) -> JrdbSequence:
         found[DETECTIONS].get(name),
         boxes if boxes.is_file() else None,
         images if images.is_dir() else None,
+        times if times.is_file() else None,
     )
 
 
@@ -134,17 +139,29 @@ def read_jrdb(path: Path, labels_as_detections: bool = False) -> Recording:
         boxes = read_boxes(files.boxes)
         _check_frames(boxes, index, files.boxes)
     images = {index[int(file.stem)]: file for file in _pictures(files.images) if int(file.stem) in index}
-    above = note.above_ground if note else ABOVE_FLOOR
+    above, frames = note.above_ground if note else ABOVE_FLOOR, max([*index.values(), *boxes], default=-1) + 1
     return Recording(
         note.rate if note else RATE / step,
         {CAMERA: RecordingCamera(_camera(note, images), Pose(np.eye(3), np.array([0.0, 0.0, above])))},
         {CAMERA: boxes} if boxes else {},
         None if people is None else {index[number]: _people(found, note) for number, found in people.items()},
-        frames=max([*index.values(), *boxes], default=-1) + 1,
+        frames=frames,
         height=STATURE if note else SEATED,
         images={CAMERA: ImageFiles(images)} if images else {},
+        clocks={} if files.times is None or not index else {CAMERA: _clock(files.times, [min(index) + step * k for k in range(frames)])},
         source={"source": "JRDB", "sequence": files.name, "labels_as_detections": labels_as_detections, "files": _checksums(files)},
     )
+
+
+def _clock(file: Path, numbers: list[int]) -> CameraClock:
+    """The stamps of the images with these numbers, from the first one on. Raises ValueError, with the file, for one that has none."""
+    times = read_times(file)
+    if missing := [number for number in numbers if number not in times]:
+        raise ValueError(f"{file}: has no time of image {missing[0]:06d}, which labels or detections have")
+    try:
+        return CameraClock(stamps={k: times[number] - times[numbers[0]] for k, number in enumerate(numbers)})
+    except ValueError as error:
+        raise ValueError(f"{file}: {error}") from None
 
 
 def _index(numbers: Iterable[int], path: Path) -> tuple[dict[int, int], int]:
@@ -204,5 +221,6 @@ def _checksums(files: JrdbSequence) -> dict[str, str]:
         "labels_2d_stitched": files.labels_2d,
         "detections_2d_stitched": files.detections,
         "detections": files.boxes,
+        "timestamps": files.times,
     }
     return {name: checksum(file) for name, file in read.items() if file is not None}

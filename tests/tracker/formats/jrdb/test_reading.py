@@ -53,6 +53,25 @@ def test_frames_places_and_boxes(cafe: Path) -> None:
     assert read_jrdb(cafe).detections == {}
 
 
+def test_images_have_the_times_of_the_data_set(cafe: Path) -> None:
+    file = cafe / "timestamps" / SEQUENCE / "frames_img.json"
+    file.parent.mkdir(parents=True)
+
+    def write(times: dict[int, float | str]) -> None:
+        other = {"name": "image_0", "url": "x/000000.jpg", "timestamp": 0.0}
+        seen = [{"name": "stitched_image0", "url": f"images/{SEQUENCE}/{n:06d}.jpg", "timestamp": t} for n, t in times.items()]
+        rows = [{"cameras": [other, one]} for one in seen]
+        file.write_text(json.dumps({"data": rows}))
+
+    write({n: str(1.55e9 + n / 15 + 0.02 * (n == 12)) for n in range(30)})
+    ticks = list(read_jrdb(cafe, labels_as_detections=True).sequence().ticks)
+    assert_allclose([tick.time for tick in ticks], [0.0, 0.42, 0.8, 1.2], atol=1e-5)
+    for times, words in (({6: 1.0, 12: 2.0}, "has no time of image 000018"), ({6: 1.0, 12: 2.0, 18: 2.0, 24: 3.0}, "growing with the frames")):
+        write(times)
+        with pytest.raises(ValueError, match=words):
+            read_jrdb(cafe)
+
+
 def test_feet_on_the_floor_are_where_the_panorama_has_them(cafe: Path) -> None:
     """v = 210.7 + 481 / range, azimuth = π − 2πu/3760; a body of height h at range r has 481 h / r rows."""
     camera = read_jrdb(cafe).cameras[CAMERA]
