@@ -49,6 +49,8 @@ TRIED = 1500
 """Feet of a camera by which whole frames are tried."""
 MOST_PAIRS = 60
 """Pairs of cameras that are compared."""
+QUARTERS = 4
+"""Parts of a recording whose delays are compared."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,7 @@ class Delay:
     frames: float
     error: float
     stride: float = 1.0
-    parts: tuple[float, ...] = (np.nan,) * 4
+    parts: tuple[float, ...] = (np.nan,) * QUARTERS
 
     @property
     def spread(self) -> float:

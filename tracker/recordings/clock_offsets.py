@@ -5,14 +5,17 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.stats import t as student
 
 from tracker.io.text_files import named_values, parse_number
 from tracker.recordings.calibration_feet import CalibrationCase
-from tracker.recordings.calibration_timing import ERRORS, LEAST_DELAY, delays_among
+from tracker.recordings.calibration_timing import LEAST_DELAY, QUARTERS, delays_among
 from tracker.recordings.clocks import CameraClock
 from tracker.recordings.recording import Recording
 
 AUTO = "auto"
+SIGNIFICANCE = 0.01
+"""Probability that an offset is applied to any camera of a recording in step, if its errors in the quarters are independent and normal."""
 _GRAMMAR = "auto, or CAMERA=SECONDS,... (later is positive)"
 
 
@@ -26,7 +29,9 @@ def estimated_offsets(recording: Recording) -> dict[str, float]:
     """Fixed camera → s by which its pictures are later than it says, of those that are clearly apart from the other cameras.
 
     Feet of one person in two cameras are compared, without truth (calibration_timing.py). What all cameras have in common cannot be seen: the median
-    is 0. Offsets within ERRORS standard errors are left at 0. So are all where none is LEAST_DELAY, as errors of feet imitate shorter ones.
+    is 0. Offsets that are not significant are left at 0: their standard errors are those of the mean of four quarters, so that Student's distribution
+    has three degrees of freedom, and all cameras are tested at once (Bonferroni). So are all where none is LEAST_DELAY, as errors of feet imitate
+    shorter ones.
     """
     delays, rate = delays_among(CalibrationCase.of(recording)), recording.rate
     if len(delays) < 2:
@@ -35,7 +40,8 @@ def estimated_offsets(recording: Recording) -> dict[str, float]:
     share = (len(delays) - 1) / len(delays)
     found = {name: _told(recording, name) - share * delay.frames / rate for name, delay in delays.items()}
     middle = float(np.median(list(found.values())))
-    sure = {name: found[name] - middle for name in found if abs(found[name] - middle) > ERRORS * share * delays[name].spread / rate}
+    errors = student.isf(SIGNIFICANCE / (2 * len(found)), QUARTERS - 1)
+    sure = {name: found[name] - middle for name in found if abs(found[name] - middle) > errors * share * delays[name].spread / rate}
     return {name: round(seconds, 4) for name, seconds in sure.items()} if max(map(abs, sure.values()), default=0.0) > LEAST_DELAY else {}
 
 

@@ -187,12 +187,13 @@ def test_invalid_content_is_named(tmp_path: Path, fault: str) -> None:
     assert "\n" not in str(error.value)
 
 
-def test_a_missing_frame_keeps_the_numbers_of_the_others(tmp_path: Path) -> None:
+def test_a_missing_frame_keeps_the_numbers_of_the_others_and_is_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     multiviewx(tmp_path, frames=3)
     (tmp_path / POSITIONS).unlink()
     detections_of("C2")(tmp_path)
     recording = read_wildtrack(tmp_path)
     assert (recording.frames, sorted(recording.truth or ())) == (3, [0, 2])
+    assert caplog.messages[0].endswith("00001.json missing, so 1 of 3 frames have nobody in the truth")
     boxes, confidence = recording.detections["C2"][0]
     assert_array_equal(boxes, [[1, 2, 30, 40]])
     assert confidence.tolist() == [0.9]
