@@ -45,14 +45,17 @@ def scenery(spec: mujoco.MjSpec) -> trimesh.Scene:
     return scene
 
 
-def geom_triangles(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Array:
-    """(k, 3, 3) m: the triangles of a geom, world. Raises ValueError for what has none."""
-    mesh = _mesh(model, geom)
+def geom_triangles(model: mujoco.MjModel, data: mujoco.MjData, geom: int, reach: float | None = None) -> Array:
+    """(k, 3, 3) m: the triangles of a geom, world. An infinite plane reaches `reach` m, None for as far as the scene.
+
+    Raises ValueError for what has none.
+    """
+    mesh = _mesh(model, geom, reach)
     corners: Array = np.asarray(mesh.vertices, dtype=np.float64)[np.asarray(mesh.faces)]
     return corners @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
 
 
-def _mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
+def _mesh(model: mujoco.MjModel, geom: int, reach: float | None = None) -> trimesh.Trimesh:
     """A geom in its own frame; texture coordinates, v upwards in the picture, as metadata "uv" where it has any.
 
     Raises ValueError for what has no triangles.
@@ -64,8 +67,7 @@ def _mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
         return _compiled(model, number)
     if kind == mujoco.mjtGeom.mjGEOM_PLANE:
-        # An infinite plane is exported as far as the scene reaches.
-        x, y = (float(side) if side > 0 else float(model.stat.extent) for side in size[:2])
+        x, y = (float(side) if side > 0 else float(reach or model.stat.extent) for side in size[:2])
         return trimesh.Trimesh([(-x, -y, 0), (x, -y, 0), (x, y, 0), (-x, y, 0)], [(0, 1, 2), (0, 2, 3)], process=False)
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
         return trimesh.creation.box(extents=2 * size)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.rendering import gl_context, shaders
+from sim.rendering import gl_objects, shaders
 from sim.rendering.cubemap import Atlas
 from sim.rendering.draw_list import COMMAND, CUBE_MAPPED, RECORD, Batch, DrawCommands, DrawList
 from sim.rendering.gl_context import largest_buffer, use_reversed_depth
@@ -43,19 +43,19 @@ class OpenGLRenderer:
         from OpenGL import GL
 
         self._gl: Any = GL
-        self.traffic = gl_context.DriverTraffic()
-        gl_context.check(GL)
+        self.traffic = gl_objects.DriverTraffic()
+        gl_objects.check(GL)
         self._model, self._draw_list, self._size = model, drawn, size
         self.lights = Lights.of(model)
         self._uniform_locations: dict[tuple[int, str], int] = {}
         self._atlas_buffers: dict[tuple[int, int], Atlas] = {}
         self._upload_shapes()
         texts = shaders.programs(len(self.lights.index), self.lights.shadows)
-        self._programs = {kind: gl_context.program(GL, *text) for kind, text in texts.items()}
-        self._depth_program = gl_context.program(GL, shaders.INPUTS + shaders.DEPTH_VERTEX, shaders.DEPTH_FRAGMENT)
-        self._mark_program = gl_context.program(GL, shaders.INPUTS + shaders.MARK_VERTEX, shaders.MARK_FRAGMENT)
-        self._sky_program = gl_context.program(GL, shaders.SKY_VERTEX, shaders.SKY_FRAGMENT)
-        self._textures = [gl_context.texture_of(GL, model, k) for k in range(model.ntex)]
+        self._programs = {kind: gl_objects.program(GL, *text) for kind, text in texts.items()}
+        self._depth_program = gl_objects.program(GL, shaders.INPUTS + shaders.DEPTH_VERTEX, shaders.DEPTH_FRAGMENT)
+        self._mark_program = gl_objects.program(GL, shaders.INPUTS + shaders.MARK_VERTEX, shaders.MARK_FRAGMENT)
+        self._sky_program = gl_objects.program(GL, shaders.SKY_VERTEX, shaders.SKY_FRAGMENT)
+        self._textures = [gl_objects.texture_of(GL, model, k) for k in range(model.ntex)]
         skies = np.flatnonzero(model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX)
         self._sky = self._textures[skies[0]] if len(skies) else None
         self._make_framebuffers()
@@ -260,9 +260,9 @@ class OpenGLRenderer:
     def _make_framebuffers(self) -> None:
         """Make the framebuffers, and set the state that stays constant."""
         GL = self._gl
-        self._framebuffer = gl_context.framebuffer(GL, self._size, [GL.GL_RGBA8, GL.GL_R32UI], GL.GL_DEPTH_COMPONENT32F)
-        self._mark_framebuffer = gl_context.framebuffer(GL, self._size, [GL.GL_R32UI], None)
-        self._shadow_frames = [gl_context.shadow_map(GL, 1 + k, SHADOW_SIZE) for k in range(self.lights.shadows)]
+        self._framebuffer = gl_objects.framebuffer(GL, self._size, [GL.GL_RGBA8, GL.GL_R32UI], GL.GL_DEPTH_COMPONENT32F)
+        self._mark_framebuffer = gl_objects.framebuffer(GL, self._size, [GL.GL_R32UI], None)
+        self._shadow_frames = [gl_objects.shadow_map(GL, 1 + k, SHADOW_SIZE) for k in range(self.lights.shadows)]
         for program in self._programs.values():
             GL.glUseProgram(program)
             if self.lights.shadows:

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from sim.rendering.coverage import BITS, UnoccludedExtent, covered
 from sim.rendering.cubemap import DENSITY, Face, FaceTable
 from sim.rendering.draw_list import DrawList
-from sim.rendering.gl_context import DriverTraffic, GLInformation, gl_information, open_context, watched
+from sim.rendering.gl_context import GLInformation, gl_information, open_context, watched
+from sim.rendering.gl_objects import DriverTraffic
 from sim.rendering.opengl_renderer import OpenGLRenderer
 from sim.rendering.shaders import projection
 from tracker.geometry import Array, Pose

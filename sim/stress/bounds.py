@@ -20,14 +20,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 from scipy.special import ellipe
 
 from sim.stress.trial_data import TrialData
 from tracker.clique.branch_and_bound import exact
 from tracker.clique.dimacs import read_graph
 from tracker.ekf.measurement_models import CameraPose, jacobians, robot_jacobians
-from tracker.geometry import Array, Ints, Pose, skew, tangent_basis
-from tracker.metrics.landmark_map import score_map
+from tracker.geometry import Array, Ints, Mask, Pose, skew, tangent_basis
 from tracker.metrics.trajectory import align
 from tracker.sequence.results import Results
 from tracker.slam import cramer_rao
@@ -61,6 +61,10 @@ MAX_ANGLE = np.radians(1.0)
 """Largest angle between a sighting and its landmark, rad."""
 MIN_SIGHTINGS = 5
 """A landmark should be in the map after this number of sightings by one robot."""
+NEAR = 0.5
+"""m: the largest distance between a landmark and its true one; a landmark farther from all true ones is false (a ghost)."""
+
+MEASURES = ("map_m", "map_aligned_m", "map_complete", "map_ghosts")
 
 
 def all_bounds(data: TrialData, graphs: Path | None = None, history: LandmarkHistory | None = None) -> dict[str, Any]:
@@ -351,3 +355,27 @@ def _adjoint(T: Pose) -> Array:
     """(6, 6): T Exp(ξ) T⁻¹ = Exp(Ad ξ) for tangents [translation, rotation]."""
     R = T.rotation
     return np.block([[R, skew(T.translation) @ R], [np.zeros((3, 3)), R]])
+
+
+def score_map(truth: Array, landmarks: Array, wanted: Mask, alignment: Pose | None = None) -> dict[str, float | None]:
+    """Score estimated landmarks (m, 3) m without names against true ones (n, 3) m, of which `wanted` (n,) were seen well enough for a map.
+
+    alignment: of the team with its truth (trajectory.align), applied to the map. The matching is one to one, within NEAR after the
+    alignment, with the least sum of squares. Returns MEASURES, None where undefined.
+
+    map_m, map_aligned_m: RMSE of the matched landmarks, as they are and after the team's alignment. map_complete: the share of wanted
+    landmarks that are found. map_ghosts: the share of landmarks without a true one of their own.
+    """
+    moved = (alignment or Pose.identity()).apply(landmarks)
+    square = ((truth[:, None] - moved) ** 2).sum(axis=2)
+    rows, columns = linear_sum_assignment(np.minimum(square, NEAR**2))
+    good = square[rows, columns] < NEAR**2
+    rows, columns = rows[good], columns[good]
+    raw, matched = ((truth[rows] - landmarks[columns]) ** 2).sum(), len(rows)
+    values = (
+        float(np.sqrt(raw / matched)) if matched else None,
+        float(np.sqrt(square[rows, columns].sum() / matched)) if matched else None,
+        float(wanted[rows].sum() / wanted.sum()) if wanted.any() else None,
+        1 - matched / len(landmarks) if len(landmarks) else None,
+    )
+    return dict(zip(MEASURES, values, strict=True))

@@ -20,6 +20,7 @@ from typing import Any
 from sim.parallel.pool import Pool, processes
 from sim.recording.record import versions
 from sim.stress import ablation, bounds, error_causes, worst_moments
+from sim.stress.bounds import MEASURES
 from sim.stress.result_rows import RESULTS, SCHEMA, read_result_rows
 from sim.stress.sweeps import RECORDED, Case
 from sim.stress.tracker_under_test import TrackerUnderTest
@@ -30,7 +31,6 @@ from tracker.io.json_files import json_text
 from tracker.io.resume import check_same, holds_run
 from tracker.metrics.clear_mot import score
 from tracker.metrics.evaluation import evaluate
-from tracker.metrics.landmark_map import MEASURES
 from tracker.person_detector.detector import PersonDetector
 from tracker.person_detector.network import PersonNetwork
 from tracker.sequence.results import Results

@@ -202,23 +202,23 @@ class Search:
         one.at_work -= 1
         if one.ended:
             return False
-        if error := result.get("error"):
-            self._fail(one, error)
-            return True
-        score = float(result[self.plan.figure])
+        error = result.get("error", "")
+        score = np.nan if error else float(result[self.plan.figure])
         # In a case in which nobody counts, there is no score.
         if score == score:
             one.scores[case] = score
             one.trial.report(score, case)
-        if self._concluded(one):
+        if self._concluded(one, error):
             return True
         if one is not self._first:
             self._idle.append(one)
         return False
 
-    def _concluded(self, one: RunningTrial) -> bool:
-        """End a trial where it is worse than the best one, or was tried on all cases. Returns whether it has ended."""
-        if not one.whole:
+    def _concluded(self, one: RunningTrial, error: str = "") -> bool:
+        """End a trial where it has failed, is worse than the best one, or was tried on all cases. Returns whether it has ended."""
+        if error:
+            self._fail(one, error)
+        elif not one.whole:
             if not (one.scores and one.trial.should_prune()):
                 return False
             self._end_early(one)
@@ -243,7 +243,6 @@ class Search:
         # The trial is left open: after a repair, the same command continues it.
         if all(self.plan.defaults.get(name) == value for name, value in one.candidate.values.items()):
             raise ValueError(f"the tracker fails with its default parameters: {error}")
-        one.ended = True
         one.trial.set_user_attr("error", error)
         self.study.tell(one.trial, state=optuna.trial.TrialState.FAIL)
 

@@ -2,6 +2,9 @@
 
 A fixed camera with images has a second detector, its silhouettes (silhouettes.py). Their boxes form a view of their own from the same place, so that
 the tracker learns how good each detector is. The name of that view is the camera's name with SILHOUETTES after it.
+
+The appearance of a person is a colour histogram of the upper and one of the lower body. Yoo et al. 2017 (C_app) use three histograms of 16 bins for
+the whole body. Here each half has its own, of hue, saturation and brightness.
 """
 
 from __future__ import annotations
@@ -9,21 +12,34 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
-from tracker.detections.appearance import appearances
+from tracker.detections.boxes import approximate_pixel_boxes
 from tracker.detections.ground_points import FusionParameters, GroundDetections, project_to_ground
 from tracker.detections.occlusion import Viewpoint
 from tracker.detections.optical_flow import KltTracklets, TrackletParameters
 from tracker.detections.silhouettes import SilhouetteParameters, Silhouettes
-from tracker.geometry import Array, Mask, Pose
-from tracker.types import Mount, Setup, Tick, View
+from tracker.geometry import Array, Image, Mask, Pose
+from tracker.geometry.cameras import Camera
+from tracker.types import Detections, Mount, Setup, Tick, View
 
 SILHOUETTES = " silhouettes"
 """Suffix of the views of silhouettes."""
 
 Placed = tuple[Pose, Array]
 """T_world_robot and the covariance (6, 6) of its right tangent."""
+BINS = 16
+PARTS = ((0.15, 0.5), (0.5, 0.9))
+"""Shares of a box's height between which the upper and the lower body lie, from its upper edge."""
+SIZE = BINS * 3 * len(PARTS)
+"""Length of an appearance vector."""
+COLUMN_SIGMA = 0.2
+"""Standard deviation, as a share of a box's width, of the weight of a pixel by its distance from the box's middle."""
+MIN_VISIBLE = 0.2
+"""Least weight of the visible pixels of a part, as a share of the weight of the whole part."""
+MIN_PIXELS = 4, 8
+"""px, least width and height of a box that has an appearance."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +48,7 @@ class ImageParameters:
 
     tracklets: TrackletParameters | None = None  # corners tracked back through the last images (optical_flow.py)
     silhouettes: SilhouetteParameters | None = None  # people by background subtraction, of fixed cameras (silhouettes.py)
-    appearance: bool = False  # colour histograms of people (appearance.py), where the detector gives no vectors
+    appearance: bool = False  # colour histograms of people, where the detector gives no vectors
 
 
 class FrontEnd:
@@ -87,3 +103,53 @@ def _pose(setup: Setup, mount: Mount) -> Pose:
     start = setup.starts[mount.robot]
     assert start is not None
     return start.T_world_robot @ mount.T_body_camera
+
+
+def appearances(image: Image, camera: Camera, detections: Detections, foreground: Mask | None = None) -> Array:
+    """Appearance vectors (n, SIZE) of boxes, of length 1; NaN where too little of a person is visible.
+
+    They are square roots of histograms, so that the product of two is the Bhattacharyya coefficient: 1 for equal histograms.
+    foreground (h, w) of any size: pixels that show people, None where that is unknown. Pixels under a nearer box, which ends lower, are left out.
+    """
+    height, width = image.shape[:2]
+    middle, size = approximate_pixel_boxes(camera, detections)
+    scale = np.array([width / camera.width, height / camera.height])
+    middle, size = (middle + 0.5 - camera.pixel_centre) * scale, size * scale
+    boxes = np.column_stack([middle - size / 2, middle + size / 2])
+    colours = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2HSV), dtype=np.uint8) // (256 // BINS)
+    people: Image = np.ones((height, width), dtype=np.uint8)
+    if foreground is not None:
+        people = np.asarray(cv2.resize(foreground.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST), dtype=np.uint8)
+    return np.array([_appearance(colours, people, boxes, k) for k in range(len(boxes))]).reshape(-1, SIZE)
+
+
+def _appearance(colours: Image, people: Image, boxes: Array, k: int) -> Array:
+    """Appearance vector (SIZE,) of the box in row k of `boxes` (n, 4): left, top, right, bottom px.
+
+    Columns beyond an edge of the image are those of the other side, as in a panorama.
+    """
+    unknown = np.full(SIZE, np.nan)
+    if not np.isfinite(boxes[k]).all():
+        return unknown
+    left, top, right, bottom = boxes[k]
+    columns = np.arange(round(left), round(right))
+    rows = np.arange(max(round(top), 0), min(round(bottom), len(colours)))
+    if len(columns) < MIN_PIXELS[0] or len(rows) < MIN_PIXELS[1]:
+        return unknown
+    across = np.exp(-0.5 * ((columns + 0.5 - (left + right) / 2) / (COLUMN_SIGMA * (right - left))) ** 2)
+    patch = np.ix_(rows, columns % colours.shape[1])
+    weight = people[patch] * across
+    for other in boxes[boxes[:, 3] > bottom + 1]:
+        occluded = (rows[:, None] >= other[1]) & (rows[:, None] < other[3]) & (columns >= other[0]) & (columns < other[2])
+        weight = np.where(occluded, 0.0, weight)
+    histograms, level = [], colours[patch]
+    for low, high in PARTS:
+        part = (rows + 0.5 > top + low * (bottom - top)) & (rows + 0.5 < top + high * (bottom - top))
+        counted = weight[part]
+        if not counted.size or counted.sum() < MIN_VISIBLE * across.sum() * (high - low) * (bottom - top):
+            return unknown
+        for channel in range(3):
+            histogram = np.bincount(level[part][..., channel].ravel(), weights=counted.ravel(), minlength=BINS)
+            histograms.append(np.convolve(histogram, [0.25, 0.5, 0.25], mode="same") / counted.sum())
+    vector = np.sqrt(np.concatenate(histograms))
+    return vector / np.linalg.norm(vector)

@@ -61,7 +61,7 @@ class GroundDetections:
     is the mean stature.
     known: whether terrain and objects are known, so that upper edges measure statures.
     links: log-likelihood ratios with the boxes of the last frames (optical_flow.KltTracklets.step), None where images are not used.
-    appearance (n, d): unit vectors, NaN where unknown, or None. appearance_given: whether the detector gave them, else see appearance.appearances.
+    appearance (n, d): unit vectors, NaN where unknown, or None. appearance_given: whether the detector gave them, else see front_end.appearances.
     """
 
     camera: str

@@ -23,6 +23,8 @@ BOX_HALF_WIDTH, BODY_HEIGHT = 0.3, 1.75
 
 BODY_HALF_WIDTH = 0.22
 """m, half the width over which a body occludes what is behind it."""
+FRONT_HALF_WIDTH = 0.25
+"""m, half the width over which a person in front may hide another."""
 
 COLUMNS, ROWS = 9, 15
 """Sample points of a box, across and up."""
@@ -132,12 +134,12 @@ class Bodies:
         mount = self.setup.mounts.get(view.name)
         return inside if mount is None or mount.own_body is None else inside & ~mount.sees_itself(bearings)
 
-    def _behind_people(self, origin: Array, half_width: float = 0.25) -> Mask:
+    def _behind_people(self, origin: Array) -> Mask:
         """Which bodies (n,) have another's body before them, seen from `origin` (3,) m."""
         chest = self.points[:, 1] - origin
         distance = np.maximum(np.linalg.norm(chest, axis=1), 1e-6)
         azimuth = np.arctan2(chest[:, 1], chest[:, 0])
-        return np.asarray(_behind(azimuth, distance, self.tree, self.front, np.arctan(half_width / distance[self.front])))
+        return np.asarray(_behind(azimuth, distance, self.tree, self.front, np.arctan(FRONT_HALF_WIDTH / distance[self.front])))
 
 
 def _hidden(occluders: Ground, origin: Array, direction: Array, distance: Array, reach: float) -> Mask:

@@ -24,11 +24,11 @@ def miss_runs(people: PeopleSamples, period: float) -> Array:
     return np.asarray(np.bincount(group)[1:] * period if len(group) else np.zeros(0))
 
 
-def autocorrelation(value: Array, samples: Samples, lag: float = LAG) -> float:
-    """Correlation of values (n,), NaN where unknown, of a person in a view at the lag nearest to `lag` s; NaN without pairs."""
+def autocorrelation(value: Array, samples: Samples) -> float:
+    """Correlation of values (n,), NaN where unknown, of a person in a view at the lag nearest to LAG; NaN without pairs."""
     if not samples.pairs:
         return float("nan")
-    _, first, then = min(samples.pairs, key=lambda pair: abs(pair[0] - lag))
+    _, first, then = min(samples.pairs, key=lambda pair: abs(pair[0] - LAG))
     known = np.isfinite(value[first]) & np.isfinite(value[then])
     if known.sum() < 10:
         return float("nan")

@@ -13,6 +13,7 @@ LONGEST_LINE = 1 << 16
 """Characters; a file of unknown origin must not fill the memory."""
 LARGEST_NUMBER = 1e60
 """No length, time or score is as large; its fourth power is still a number."""
+INTEGER_BITS = 62
 LONGEST_SHOWN = 60
 """Characters of a value in an error message."""
 _BLOCK = 1 << 20
@@ -99,16 +100,16 @@ def parse_number(text: str, where: str) -> float:
     return value
 
 
-def parse_integer(text: str, where: str, bits: int = 62) -> int:
-    """A whole decimal number below 2^bits. Raises ValueError as parse_number."""
+def parse_integer(text: str, where: str) -> int:
+    """A whole decimal number below 2^INTEGER_BITS. Raises ValueError as parse_number."""
     try:
         if "_" in text:
             raise ValueError
         value = int(text)
     except ValueError:
         raise ValueError(f"{where} is {shown(text.strip())}, needs a whole number") from None
-    if abs(value) >= 1 << bits:
-        raise ValueError(f"{where} is {text.strip()[:LONGEST_SHOWN]}, needs less than 2^{bits}")
+    if abs(value) >= 1 << INTEGER_BITS:
+        raise ValueError(f"{where} is {text.strip()[:LONGEST_SHOWN]}, needs less than 2^{INTEGER_BITS}")
     return value
 
 

@@ -50,6 +50,22 @@ def gate(v: int, i: int, parents: Any, boxes: Any, limits: Any, gated: Ints, rat
 
 
 @njit(cache=True)
+def child_ratios(b: int, i: int, v: int, parents: Any, boxes: Any, limits: Any, children: Any, gated: Ints, ratios: Array) -> Array:
+    """Log-likelihood ratios (MAX_GATED,) of the boxes `gated` of view v, −1 after the last, for the partial child b of leaf i; `ratios` of the leaf.
+
+    A partial child without a box is where its leaf is.
+    """
+    if not (children.box[b] >= 0).any():
+        return ratios
+    out, predicted = np.empty(MAX_GATED), np.empty(21)
+    predict_measurement(children.state[b], i, parents, boxes.origin[v], predicted)
+    for k, d in enumerate(gated):
+        if d >= 0:
+            out[k] = log_likelihood(predicted, children.state[b], children.covariance[b], v, d, boxes, limits) + parents.links[i, d]
+    return out
+
+
+@njit(cache=True)
 def _gate_all(parents: Any, boxes: Any, limits: Any) -> tuple[Any, Any, Mask]:
     """Boxes (n, V, MAX_GATED) within the gate of each leaf, −1 after the last, their ratios, and which boxes (D,) several trees gate."""
     V, D = len(boxes.origin), len(boxes.cut)
@@ -114,7 +130,7 @@ def _beam_search(i: int, parents: Any, boxes: Any, limits: Any, gates: Any, bann
     gates: boxes (V, MAX_GATED) within its gate, −1 after the last, and their ratios for the leaf. banned (D,): boxes that it must not take.
     """
     gated, ratios = gates
-    size, predicted = len(beam.increment) * (MAX_GATED + 1), np.empty(21)
+    size = len(beam.increment) * (MAX_GATED + 1)
     beam.state[0], beam.covariance[0], beam.increment[0], count = parents.state[i], parents.covariance[i], 0.0, 1
     beam.box[:], beam.residual[:], beam.missed[:] = -1, np.nan, 0.0
     score, source, taken = np.empty(size), np.empty(size, np.int64), np.empty(size, np.int64)
@@ -128,15 +144,11 @@ def _beam_search(i: int, parents: Any, boxes: Any, limits: Any, gates: Any, bann
         for b in range(count):
             score[extended], source[extended], taken[extended] = beam.increment[b] + missed, b, -1
             extended += 1
-            predict_measurement(beam.state[b], i, parents, boxes.origin[v], predicted)
-            moved = (beam.box[b] >= 0).any()
+            of_child = child_ratios(b, i, v, parents, boxes, limits, beam, gated[v], ratios[v])
             for k, d in enumerate(gated[v]):
                 if d < 0 or banned[d]:
                     continue
-                ratio = ratios[v, k]
-                # A partial child that took a box is elsewhere than its leaf.
-                if moved:
-                    ratio = log_likelihood(predicted, beam.state[b], beam.covariance[b], v, d, boxes, limits) + parents.links[i, d]
+                ratio = of_child[k]
                 if ratio > missed - limits.margin and ratio + boxes.weakness[d] > limits.least_fit:
                     score[extended], source[extended], taken[extended] = beam.increment[b] + ratio, b, d
                     extended += 1

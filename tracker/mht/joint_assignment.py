@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 from tracker.geometry import Array, Ints, Mask
 from tracker.geometry.compilation import njit
 from tracker.mht.box_update import log_likelihood, predict_measurement, update_child
-from tracker.mht.branching import MAX_GATED, gate, view_order
+from tracker.mht.branching import MAX_GATED, child_ratios, gate, view_order
 from tracker.mht.branching_data import BoxTable, BranchingConstants, ChildHypotheses, ParentHypotheses, empty_children
 
 NO_ALTERNATIVE = 50.0
@@ -84,15 +84,14 @@ def _joint_view_order(rows: Ints, parents: Any, boxes: Any) -> Ints:
 def _pairwise_ratios(v: int, rows: Ints, parents: Any, boxes: Any, limits: Any, children: Any) -> Array:
     """Log-likelihood ratio (k, d) of each box of view v for the partial child of each leaf in `rows`; −inf where it is not taken."""
     first, end = boxes.start[v], boxes.start[v + 1]
-    out, predicted = np.full((len(rows), end - first), -np.inf), np.empty(21)
-    gated, ratios = np.empty(MAX_GATED, np.int64), np.empty(MAX_GATED)
+    out = np.full((len(rows), end - first), -np.inf)
     for k, i in enumerate(rows):
+        gated, ratios = np.full(MAX_GATED, -1), np.empty(MAX_GATED)
         found = gate(v, i, parents, boxes, limits, gated, ratios)
-        predict_measurement(children.state[k], i, parents, boxes.origin[v], predicted)
-        for d in gated[:found]:
-            ratio = log_likelihood(predicted, children.state[k], children.covariance[k], v, d, boxes, limits) + parents.links[i, d]
-            if ratio + boxes.weakness[d] > limits.least_fit:
-                out[k, d - first] = ratio
+        of_child = child_ratios(k, i, v, parents, boxes, limits, children, gated, ratios)
+        for g, d in enumerate(gated[:found]):
+            if of_child[g] + boxes.weakness[d] > limits.least_fit:
+                out[k, d - first] = of_child[g]
     return out
 
 

@@ -2,13 +2,15 @@
 
 A tick: prediction by odometry, levelling by gravity, then for each robot data association, update and landmark initialization.
 The state holds a correction factor a robot, and an update has a fixed number of linearisations.
+A robot without odometry goes on as it moved between the last two ticks (constant velocity with white acceleration noise). Bearings alone do not
+tell how long a way is: the scale of the map is then that of the velocity that is assumed at the start.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -18,7 +20,6 @@ from tracker.ekf.odometry_biases import bias_scale
 from tracker.ekf.state import JointState
 from tracker.geometry import Array, Floats, Indices, Mask, Pose, angles_from_bearing
 from tracker.geometry.cameras import Panorama
-from tracker.slam.constant_velocity import ConstantVelocity
 from tracker.slam.data_association import Matches, associate, identify, on_robots, within_gate
 from tracker.slam.image_features import moved_to_frame, turned_to_frame
 from tracker.slam.landmark_initialization import LandmarkInitializer
@@ -27,6 +28,13 @@ from tracker.slam.parameters import SlamParameters
 from tracker.slam.relocalization import RelocalizedPose, Relocalizer, SlamState
 from tracker.slam.unknown_start import UnknownStarts
 from tracker.types import Intervals, MapSnapshot, Mount, Odometry, Setup, Sightings, Start, Tick, View
+
+ACCELERATION = 1.0
+"""m/s² and rad/s²: standard deviation of the accelerations between two ticks."""
+AHEAD, SPREAD = 0.3, 0.3
+"""m/s: velocity ahead at the start, and its standard deviation, m/s and rad/s. A robot that stood would not show how far anything is."""
+FASTEST = 3.0
+"""m/s: a robot that seems to be faster was relocalized, and starts anew."""
 
 
 class Slam:
@@ -395,3 +403,24 @@ def _correlation_factor(correlation_time: float, period: float) -> float:
     """
     rho = float(np.exp(-period / correlation_time)) if correlation_time > 0 else 0.0
     return (1 + rho) / (1 - rho)
+
+
+@dataclass(eq=False)
+class ConstantVelocity:
+    """The last poses of one robot."""
+
+    poses: list[Pose] = field(default_factory=list)
+
+    seconds: float = 0.0
+
+    def step(self, pose: Pose, seconds: float) -> tuple[Pose, Array] | None:
+        """The motion in the last `seconds` and its covariance (6, 6), by the estimate of the pose before them; None at the first tick."""
+        self.poses, before, self.seconds = [*self.poses[-2:], pose], self.seconds, seconds
+        if len(self.poses) == 1:
+            return None
+        moved = self.poses[-2].inverse() @ pose
+        if len(self.poses) == 2 or np.linalg.norm(moved.translation) > FASTEST * before:
+            return Pose.planar(AHEAD * seconds, 0.0, 0.0), (SPREAD * seconds) ** 2 * np.eye(6)
+        if seconds != before:
+            moved = Pose.exp(moved.log() * (seconds / before))
+        return moved, (ACCELERATION * seconds**2) ** 2 * np.eye(6)

@@ -7,9 +7,8 @@ from dataclasses import dataclass, field, replace
 from tracker.ekf.odometry_biases import BiasModel
 from tracker.slam.data_association import Gate
 from tracker.slam.features import FeatureParameters
-from tracker.slam.landmark_drift import DriftModel
 from tracker.slam.landmark_initialization import InitializationParameters
-from tracker.slam.landmark_map import PruningParameters
+from tracker.slam.landmark_map import DriftModel, PruningParameters
 from tracker.slam.resection import RelocalizationParameters
 
 

@@ -81,9 +81,8 @@ def _triangles(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     planes = [geom for geom in drawn if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE]
     found = [geom_triangles(model, data, geom) for geom in drawn if geom not in planes]
     points = np.concatenate(found).reshape(-1, 3) if found else np.zeros((0, 3))
-    # So far an infinite plane has triangles.
-    model.stat.extent = float(np.abs(points[:, :2]).max()) + BEYOND if len(points) else OPEN
-    found += [geom_triangles(model, data, geom) for geom in planes]
+    reach = float(np.abs(points[:, :2]).max()) + BEYOND if len(points) else OPEN
+    found += [geom_triangles(model, data, geom, reach) for geom in planes]
     if not found:
         raise ValueError("has no geom that is drawn (groups 0 to 2)")
     return np.concatenate(found)

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from sim.scenario import Scenario
-from sim.stress.bounds import HEAD, ate_bound, box_information, clique_gap, map_score, mean_distance
+from sim.stress.bounds import HEAD, NEAR, ate_bound, box_information, clique_gap, map_score, mean_distance, score_map
 from sim.stress.sweeps import Case
 from sim.stress.trial_data import TrialData
 from tests.tracker.slam.test_inter_robot import with_robot_detections
@@ -17,6 +18,7 @@ from tests.tracker.walled_room import Room, simulate
 from tracker.clique.local_search import Graph
 from tracker.ekf.linearization import linearize
 from tracker.ekf.state import JointState
+from tracker.geometry import Pose
 from tracker.mht.global_hypothesis import dump
 from tracker.pipeline import track
 from tracker.sequence.results import Results
@@ -25,6 +27,7 @@ from tracker.slam.data_association import identify
 from tracker.types import Truth
 
 SPARE_LANDMARKS = Room(seed=3, robots=2, ticks=11, landmarks=40, named=True, miss=0.2)
+LANDMARKS = np.array([[0.0, 0, 0], [3, 0, 0], [0, 3, 0], [3, 3, 1]])
 NOBODY = (np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 2)))
 
 
@@ -128,3 +131,28 @@ def test_the_information_of_a_box_is_that_of_its_edges() -> None:
     J = np.stack([(angles(step * axis) - angles(-step * axis)) / (2 * step) for axis in np.eye(2)], axis=1)
     expected = J.T @ np.diag([2.0, 1.0, 1.0]) @ J / variance
     np.testing.assert_allclose(box_information(eye, variance), expected, rtol=1e-6)
+
+
+def test_a_map_by_hand() -> None:
+    # Two landmarks are 0.3 m off, one is exact, a copy of it and one in the middle of nowhere are ghosts; the fourth true one is not there.
+    landmarks = np.array([[0.3, 0, 0], [3, 0.3, 0], [0, 3, 0], [0, 3, 0.1], [1.5, 1.5, 0]])
+    d = score_map(LANDMARKS, landmarks, np.ones(4, dtype=bool))
+    assert_allclose([d["map_m"], d["map_aligned_m"], d["map_complete"], d["map_ghosts"]], [np.sqrt(0.06)] * 2 + [0.75, 0.4])
+    few = score_map(LANDMARKS, landmarks, np.array([True, False, False, True]))
+    assert few["map_complete"] == 0.5
+
+
+def test_the_map_is_moved_with_the_team() -> None:
+    T = Pose.exp([2, -1, 0.5, 0.1, 0.2, 1.0])
+    d = score_map(LANDMARKS, T.apply(LANDMARKS), np.ones(4, dtype=bool), T.inverse())
+    assert_allclose(d["map_aligned_m"], 0, atol=1e-9)
+    assert (d["map_complete"], d["map_ghosts"]) == (1, 0)
+    assert d["map_m"] is not None
+    assert d["map_m"] > NEAR
+    assert score_map(LANDMARKS, T.apply(LANDMARKS), np.ones(4, dtype=bool))["map_complete"] != 1
+
+
+def test_a_map_of_nothing_is_undefined() -> None:
+    none, all_ = score_map(LANDMARKS, np.zeros((0, 3)), np.ones(4, dtype=bool)), score_map(np.zeros((0, 3)), LANDMARKS, np.ones(0, dtype=bool))
+    assert list(none.values()) == [None, None, 0.0, None]
+    assert list(all_.values()) == [None, None, None, 1.0]

@@ -9,12 +9,12 @@ from typing import Any
 import pytest
 
 from sim.scenario import Scenario
+from sim.stress.bounds import MEASURES
 from sim.stress.runner import ROBOTS, Trial, Worker, Workers, empty_row, key_of, row_of, run_trials
 from sim.stress.sweeps import Case
 from sim.stress.tracker_under_test import TrackerUnderTest
 from tests.tracker.person_detector.blob_network import write_blob_network
 from tracker.io.file_lock import file_lock
-from tracker.metrics.landmark_map import MEASURES
 from tracker.person_detector.network import PersonNetwork
 
 SCENARIO = Scenario(seed=1005, robots=1, people=3, frames=4, width=256)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.detections.appearance import SIZE, appearances
 from tracker.detections.boxes import detections_from_boxes
+from tracker.detections.front_end import SIZE, appearances
 from tracker.geometry.cameras import Camera, Panorama, pinhole
 
 RED, BLUE, GREEN, GREY = (200, 30, 40), (30, 50, 190), (40, 160, 60), (128, 128, 128)

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from tests.tracker.detections.test_ground_points import seen
-from tracker.detections.appearance import SIZE
 from tracker.detections.cross_view import CrossViewGroup
+from tracker.detections.front_end import SIZE
 from tracker.detections.ground_points import GroundDetections
 from tracker.geometry import Array
 from tracker.mht.appearance_model import AppearanceModel

@@ -8,8 +8,7 @@ from tracker.ekf.linearization import linearize
 from tracker.ekf.state import JointState
 from tracker.geometry import Array, Pose, exp_so3, tangent_basis
 from tracker.geometry.cameras import Panorama
-from tracker.slam.landmark_drift import DriftModel, view_change
-from tracker.slam.landmark_map import LandmarkMap
+from tracker.slam.landmark_map import DriftModel, LandmarkMap, view_change
 from tracker.slam.parameters import SlamParameters
 from tracker.types import Mount, Start
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from tracker.formats.wildtrack.export import HEIGHT, RADIUS, rectangles, write_rectangles
 from tracker.formats.wildtrack.files import GroundGrid
-from tracker.formats.wildtrack.rectangles import HEIGHT, RADIUS, rectangles, write_rectangles
 from tracker.geometry import Pose
 from tracker.geometry.cameras import Pinhole
 from tracker.recordings import RecordingCamera
