@@ -108,8 +108,8 @@ class CameraSpecification:
         return default if math.isnan(value) else int(value)
 
 
-def parse_camera(text: str, subject: str = "camera") -> CameraSpecification:
-    """The camera that a text names. subject: of the error messages.
+def parse_camera(text: str) -> CameraSpecification:
+    """The camera that a text names.
 
     Raises ValueError for an unknown model or option, a value out of bounds, and options that do not go together.
     """
@@ -118,27 +118,27 @@ def parse_camera(text: str, subject: str = "camera") -> CameraSpecification:
     known = (*OPTIONS, *PUBLISHED)
     if name not in known:
         near = difflib.get_close_matches(name, known, 1, 0.6)
-        raise ValueError(f"{subject} is {name[:60]!r}{f' ({near[0]}?)' if near else ''}, needs one of {', '.join(known)}")
+        raise ValueError(f"camera is {name[:60]!r}{f' ({near[0]}?)' if near else ''}, needs one of {', '.join(known)}")
     model, preset = PUBLISHED.get(name, (name, {}))
     values = {option: default for option, (default, _, _) in OPTIONS[model].items()} | preset
-    own = _options(options, model, subject)
+    own = _options(options, model)
     output = own.pop("output", OUTPUTS[0])
-    given = {option: _number(text, model, option, subject) for option, text in own.items()}
+    given = {option: _number(text, model, option) for option, text in own.items()}
     specification = CameraSpecification(model, values | given, output, int(preset.get("width", 0)))
-    _check(specification, frozenset(given), preset, subject)
+    _check(specification, frozenset(given), preset)
     return specification
 
 
-def _options(text: str, model: str, subject: str) -> dict[str, str]:
+def _options(text: str, model: str) -> dict[str, str]:
     """Option → its text. Raises ValueError for unknown and repeated options."""
     known = [*OPTIONS[model], *(["output"] if model == "dual-fisheye" else [])]
-    found = named_values(text, known, f"{subject} {model} has", f"NAME=VALUE of {', '.join(known) or 'no options'}")
+    found = named_values(text, known, f"camera {model} has", f"NAME=VALUE of {', '.join(known) or 'no options'}")
     if found.get("output", OUTPUTS[0]) not in OUTPUTS:
-        raise ValueError(f"{subject} {model} has output {found['output'][:40]!r}, needs one of {', '.join(OUTPUTS)}")
+        raise ValueError(f"camera {model} has output {found['output'][:40]!r}, needs one of {', '.join(OUTPUTS)}")
     return found
 
 
-def _number(text: str, model: str, option: str, subject: str) -> float:
+def _number(text: str, model: str, option: str) -> float:
     _, low, high = OPTIONS[model][option]
     try:
         value = float(text)
@@ -147,9 +147,9 @@ def _number(text: str, model: str, option: str, subject: str) -> float:
     if not low <= value <= high or (option in WHOLE and value != int(value)):
         kind = "an even whole number" if option in WHOLE else "a number"
         why = " for stitching" if (model, option) == ("dual-fisheye", "fov") and value < low else ""
-        raise ValueError(f"{subject} {model} has {option} {text[:40]!r}, needs {kind} in [{low:g}, {high:g}] {_unit(option)}{why}".rstrip())
+        raise ValueError(f"camera {model} has {option} {text[:40]!r}, needs {kind} in [{low:g}, {high:g}] {_unit(option)}{why}".rstrip())
     if option in WHOLE and value % 2:
-        raise ValueError(f"{subject} {model} has {option} {text[:40]}, needs an even whole number of px")
+        raise ValueError(f"camera {model} has {option} {text[:40]}, needs an even whole number of px")
     return value
 
 
@@ -158,19 +158,19 @@ def _unit(option: str) -> str:
     return next((unit for unit, names in units.items() if option in names), "")
 
 
-def _check(specification: CameraSpecification, given: frozenset[str], preset: Mapping[str, float], subject: str) -> None:
+def _check(specification: CameraSpecification, given: frozenset[str], preset: Mapping[str, float]) -> None:
     """Raises ValueError for options that do not go together. given: those that the text has."""
     values, model = specification.values, specification.model
     if preset and model != "dual-fisheye" and given - {"width", *_AIM}:
-        raise ValueError(f"{subject} has a published calibration and {', '.join(sorted(given))}, needs none but width, {', '.join(_AIM)}")
+        raise ValueError(f"camera has a published calibration and {', '.join(sorted(given))}, needs none but width, {', '.join(_AIM)}")
     if {"fx", "fov"} <= given or ("fy" in given and "fx" not in given):
-        raise ValueError(f"{subject} {model} has {', '.join(sorted(given))}, needs either fov, or fx with or without fy")
+        raise ValueError(f"camera {model} has {', '.join(sorted(given))}, needs either fov, or fx with or without fy")
     if model == "dual-fisheye":
         widest = math.degrees(lens_angle(math.pi / 2 + math.radians(values["feather"] / 2), values["baseline"], values["distance"]))
         widest *= max(1 + values["focal_error"] / 100, 1)
         if widest > values["fov"] / 2 + 1e-9:
             raise ValueError(
-                f"{subject} {model} has fov {values['fov']:g}, too narrow for feather {values['feather']:g}, baseline {values['baseline']:g}"
+                f"camera {model} has fov {values['fov']:g}, too narrow for feather {values['feather']:g}, baseline {values['baseline']:g}"
                 f" and distance {values['distance']:g}; needs at least {2 * widest:.4g} degrees"
             )
 

@@ -291,17 +291,17 @@ def weighted(weights: Mapping[str, float], terms: Mapping[str, Any]) -> Any:
     return sum(weight * terms[name] for name, weight in weights.items())
 
 
-def gospa(truth: Array, estimate: Array, cutoff: float = GOSPA_CUTOFF) -> float:
+def gospa(truth: Array, estimate: Array) -> float:
     """GOSPA in m between positions (m, 2) and (k, 2) m, p = 2, α = 2 (Rahmathullah, García-Fernández and Svensson 2017, proposition 1)."""
     m, k = len(truth), len(estimate)
     if not (m and k):
-        return cutoff * float(np.sqrt((m + k) / 2))
-    square = np.minimum(((truth[:, None] - estimate[None]) ** 2).sum(axis=2), cutoff**2)
+        return GOSPA_CUTOFF * float(np.sqrt((m + k) / 2))
+    square = np.minimum(((truth[:, None] - estimate[None]) ** 2).sum(axis=2), GOSPA_CUTOFF**2)
     rows, columns = linear_sum_assignment(square)
     cost = square[rows, columns]
-    near = cost < cutoff**2
+    near = cost < GOSPA_CUTOFF**2
     missed = m + k - 2 * int(near.sum())
-    return float(np.sqrt(cost[near].sum() + cutoff**2 / 2 * missed))
+    return float(np.sqrt(cost[near].sum() + GOSPA_CUTOFF**2 / 2 * missed))
 
 
 def relative_gospa(truth: Array, estimate: Array) -> float:

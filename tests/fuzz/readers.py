@@ -22,6 +22,7 @@ from sim.report.rows import read_rows
 from sim.stress.runner import _read_rows
 from sim.studies import STUDIES
 from tests.fuzz import samples
+from tests.tracker.formats.wildtrack.test_reading import multiviewx
 from tracker.clique.dimacs import read_graph
 from tracker.datasets.validation import validate
 from tracker.formats import pets2009
@@ -212,7 +213,7 @@ FOLDERS = (
     *(Reader(f"AI City {name}", samples.aicity_scene, name, _opened) for name in ("calibration.json", "ground_truth.json", "detections/Camera.txt")),
     *(Reader(f"JRDB folder {kind}", samples.jrdb_folder, f"{kind}/s.json", _opened) for kind in (jrdb.LABELS_2D, jrdb.LABELS_3D, jrdb.DETECTIONS)),
     *(
-        Reader(f"MultiviewX {name}", samples.multiviewx, name, _opened)
+        Reader(f"MultiviewX {name}", multiviewx, name, _opened)
         for name in ("annotations_positions/00001.json", "calibrations/intrinsic/intr_Camera1.xml", "calibrations/extrinsic/extr_Camera2.xml")
     ),
     Reader("WILDTRACK annotation", samples.wildtrack_folder, "00000.json", lambda folder: wildtrack.read_positions(folder / "00000.json")),

@@ -181,17 +181,6 @@ def jrdb_folder(folder: Path) -> None:
     jrdb.write_detections_2d(folder / jrdb.DETECTIONS / "s.json", dict.fromkeys(range(3), (box[None], np.array([0.9]))))
 
 
-def multiviewx(folder: Path) -> None:
-    """Two cameras of MultiviewX and two frames."""
-    for number, (x, y, heading) in enumerate(((0.0, 0.0, 0.6), (25.0, 16.0, 0.6 + np.pi)), 1):
-        eye, _ = wildtrack.opencv_camera(pinhole(96, 72, 1.4), Pose.planar(x, y, heading, 4.0))
-        wildtrack.write_calibration(folder / "calibrations", f"Camera{number}", eye)
-    (folder / "annotations_positions").mkdir()
-    for frame in range(2):
-        people = [wildtrack.WildtrackPosition(10 + k, cell, np.zeros((0, 4), dtype=np.int64)) for k, cell in enumerate((12_345, 639_999))]
-        wildtrack.write_positions(folder / "annotations_positions" / f"{frame:05d}.json", people)
-
-
 def results(folder: Path) -> None:
     """Results of three frames with a robot, targets and landmarks."""
     out = []

@@ -55,10 +55,10 @@ class CameraBoxes:
     table: LinkedBoxes
     single: SingleView
 
-    def places(self, row: Array, rows: Ints | slice = slice(None)) -> Array:
+    def places(self, row: Array) -> Array:
         """Places (n, 2) m of boxes under parameters `row`."""
         t = self.table
-        return ground_places(self.camera, row, np.column_stack([t.middle, t.top, t.bottom])[rows], FOOT)
+        return ground_places(self.camera, row, np.column_stack([t.middle, t.top, t.bottom]), FOOT)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,8 @@ from tracker.types import Detections, Mount, Setup, Start, Tick, View
 
 CAMERA_HEIGHT = 1.5
 """m: height of the cameras above the ground."""
+HEIGHT, WIDTH = 1.75, 0.5
+"""m: of a person."""
 RATE = 6.0
 """Ticks per second."""
 CAMERA_POSES = (
@@ -55,15 +57,15 @@ def paths(people: int, frames: int, rng: np.random.Generator) -> Array:
     return np.array(out)
 
 
-def boxes(pose: Pose, feet: Array, height: float = 1.75, width: float = 0.5) -> tuple[Array, Array]:
+def boxes(pose: Pose, feet: Array) -> tuple[Array, Array]:
     """Boxes of upright people at feet (n, 3) m in a level camera: bearings of the centres (n, 3) and extents (n, 2) rad.
 
-    pose: T_world_camera. height, width: of a person, m.
+    pose: T_world_camera.
     """
     local = pose.inverse().apply(feet)
     distance, azimuth = np.hypot(local[:, 0], local[:, 1]), np.arctan2(local[:, 1], local[:, 0])
-    low, high = np.arctan2(local[:, 2], distance), np.arctan2(local[:, 2] + height, distance)
-    return bearing_from_angles(azimuth, (low + high) / 2), np.stack([width / distance, high - low], axis=1)
+    low, high = np.arctan2(local[:, 2], distance), np.arctan2(local[:, 2] + HEIGHT, distance)
+    return bearing_from_angles(azimuth, (low + high) / 2), np.stack([WIDTH / distance, high - low], axis=1)
 
 
 def ticks(

@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tracker.datasets.validation_sensors import sensor_faults
-from tracker.datasets.validation_tables import inconsistencies
+from tracker.datasets.validation_tables import inconsistencies, sensor_faults
 from tracker.geometry.cameras import Tsai
 from tracker.io.atomic import is_temporary
 from tracker.io.json_files import read_json

@@ -1,8 +1,13 @@
-"""Parameters of cameras as OpenCV, ROS, EuRoC and COLMAP have them, and cameras as pinhole images for formats that know no others."""
+"""Parameters of cameras as OpenCV, ROS, EuRoC and COLMAP have them, and cameras as pinhole images for formats that know no others.
+
+Images are resampled into another camera with the same centre: the six faces of a cube around a panoramic camera, or a straight pinhole.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
@@ -11,11 +16,23 @@ from numpy.typing import NDArray
 from tracker.formats.exported_sequence import RecordedSequence
 from tracker.geometry import Array, Pose
 from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Camera, Cylinder, Fisheye, Panorama, PanoramicCamera, Pinhole, Tsai
-from tracker.geometry.cube_faces import FACES, Resampling, face_camera
+from tracker.geometry.poses import rotation_z
 from tracker.geometry.tsai import opencv_intrinsics
 
 OPTICAL = Pose(OPTICAL_FROM_CAMERA.T, np.zeros(3))
 """T_camera_optical: from the optical frame (x right, y down, z ahead) to the camera's (x forward, y left, z up)."""
+_UP = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
+FACES: dict[str, Array] = {
+    "front": rotation_z(0.0),
+    "left": rotation_z(np.pi / 2).round(),
+    "back": rotation_z(np.pi).round(),
+    "right": rotation_z(-np.pi / 2).round(),
+    "up": _UP,
+    "down": _UP.T,
+}
+"""Name of a face → R_camera_face (3, 3), both frames x forward, y left, z up. The left of `up` and `down` is the left of the camera."""
+FARTHEST_OUT = -9.0
+"""px: source column and row of a pixel that sees nothing of the source. It is beyond the border, which is black."""
 
 
 @dataclass(frozen=True)
@@ -112,3 +129,44 @@ def pixel_errors(cameras: dict[str, Camera]) -> list[str]:
     """Notes for README.md: the errors of cameras whose distortion was fitted."""
     errors = {name: CameraParameters.of(camera).error for name, camera in cameras.items() if isinstance(camera, Tsai) and camera.kappa1}
     return [f"{name}: its distortion is fitted to {error:.2g} px" for name, error in errors.items()]
+
+
+def face_camera(camera: PanoramicCamera) -> Pinhole:
+    """The pinhole of a face: 90° in both directions, with the panorama's pixels per radian in its middle (rounded to an even side)."""
+    side = max(2 * round(camera.width / (2 * np.pi)), 2)
+    return Pinhole(side, side, side / 2, side / 2, (side - 1) / 2, (side - 1) / 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Resampling:
+    """Makes the image of `target` from that of `source`, two cameras with one centre. R_source_target (3, 3): target frame to source frame."""
+
+    source: Camera
+    target: Camera
+    R_source_target: Array
+
+    @cached_property
+    def _map(self) -> NDArray[np.float32]:
+        """Column and row of the source, its first pixel's centre at (0, 0), for each pixel of the target: (2, H, W).
+
+        In a source that wraps, columns count from the one that `image` puts before the first.
+        """
+        shift = self.target.pixel_centre
+        u, v = np.meshgrid(np.arange(self.target.width) + shift, np.arange(self.target.height) + shift)
+        aim = np.column_stack([u.ravel(), v.ravel()])
+        pixels, seen = self.source.pixels_from_bearings(self.target.bearings_from_pixels(aim) @ self.R_source_target.T)
+        at = np.where((seen & ~self.target.blind(aim))[:, None], pixels - self.source.pixel_centre, FARTHEST_OUT)
+        # Within half a pixel of the border the nearest pixel is taken; over the seam a column of the other side stands beside the border.
+        low = np.array([-1.0 if self.source.wraps else 0.0, 0.0])
+        high = np.array([self.source.width - (0.0 if self.source.wraps else 1.0), self.source.height - 1.0])
+        at = np.where(at > FARTHEST_OUT, np.clip(at, low, high), at)
+        if self.source.wraps:
+            at = at + np.array([1.0, 0.0])
+        return np.ascontiguousarray(at.T.reshape(2, self.target.height, self.target.width), dtype=np.float32)
+
+    def image(self, image: NDArray[Any]) -> NDArray[Any]:
+        """The source's image (H, W) or (H, W, 3) → the target's, sampled bilinearly; black where the source sees nothing."""
+        if self.source.wraps:
+            image = np.concatenate([image[:, -1:], image, image[:, :1]], axis=1)
+        u, v = self._map
+        return np.asarray(cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0))

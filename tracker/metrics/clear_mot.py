@@ -40,7 +40,8 @@ from tracker.metrics.matching import (
 
 Function = Callable[[Array], Array]
 
-# The gate of MODA and MODP on the ground, m (WILDTRACK); the distance at which HOTA's similarity is 0, m.
+# The gate of a match on the ground, m; that of MODA and MODP (WILDTRACK); the distance at which HOTA's similarity is 0, m.
+GATE = 1.0
 MODA_GATE = 0.5
 HOTA_REACH = 2.0
 
@@ -138,20 +139,18 @@ class _Rules:
     hota: Function
 
 
-def score(frames: Iterable[MatchingFrame], *, gate: float = 1.0) -> TargetScore:
-    """Score positions on the ground: distances in x, y, metres; a match lies within `gate` m.
+def score(frames: Iterable[MatchingFrame]) -> TargetScore:
+    """Score positions on the ground: distances in x, y, metres; a match lies within GATE.
 
-    MODA and MODP have a gate of 0.5 m, and HOTA's similarity is max(0, 1 − d / 2 m). Raises ValueError for a gate that is not above 0, and
-    for an id twice in a frame, with the frame (from 0) and the id.
+    MODA and MODP have a gate of 0.5 m, and HOTA's similarity is max(0, 1 − d / 2 m). Raises ValueError for an id twice in a frame,
+    with the frame (from 0) and the id.
     """
-    if not 0 < gate < np.inf:
-        raise ValueError(f"gate is {gate} m, needs more than 0")
     rules = _Rules(
         measure=planar_distance,
-        similarity=lambda d: np.maximum(0.0, 1 - d / (2 * gate)),
+        similarity=lambda d: np.maximum(0.0, 1 - d / (2 * GATE)),
         threshold=0.5,
         distance=np.asarray,
-        closeness=lambda d: 1 - d / gate,
+        closeness=lambda d: 1 - d / GATE,
         near=lambda d: 1 - d / MODA_GATE,
         near_threshold=0.0,
         hota=lambda d: np.maximum(0.0, 1 - d / HOTA_REACH),

@@ -299,10 +299,10 @@ class CalibrationCase:
             return self
         return replace(self, rays={name: rays.select(np.flatnonzero(self._spread(rays.frame, divisor))) for name, rays in self.rays.items()})
 
-    def sampled_feet(self, name: str, extrinsics: Extrinsics | None = None) -> Feet:
+    def sampled_feet(self, name: str) -> Feet:
         """The feet of a sample of the boxes."""
         rays = self.rays[name].select(self.sample(name))
-        return project(rays, self.extrinsics[name] if extrinsics is None else extrinsics, self.ground)
+        return project(rays, self.extrinsics[name], self.ground)
 
     def others(self, name: str) -> Reference:
         """The feet of all other cameras."""

@@ -130,6 +130,8 @@ def add_picture(spec: mujoco.MjSpec, name: str, image: Image, shine: float = 0.1
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
 
 
+NEAREST = 0.03
+"""m: what is nearer to a camera is cut off."""
 FAIR_SKY = (0.36, 0.56, 0.84), (0.84, 0.89, 0.94)
 """Colours of a fair sky at the zenith and at the horizon."""
 HIGH_SUN = (0.5, 0.35, -1.0)
@@ -164,8 +166,8 @@ def add_light(spec: mujoco.MjSpec, direction: ArrayLike, brightness: float) -> N
         light.diffuse, light.ambient, light.specular = np.full(3, brightness * diffuse), np.zeros(3), np.full(3, 0.1)
 
 
-def set_view(spec: mujoco.MjSpec, extent: ArrayLike, near: float = 0.03) -> None:
-    """How the scene is drawn: [[xmin, ymin], [xmax, ymax]] m of it, nothing nearer than `near` m cut off, shadows over all of it.
+def set_view(spec: mujoco.MjSpec, extent: ArrayLike) -> None:
+    """How the scene is drawn: [[xmin, ymin], [xmax, ymax]] m of it, nothing nearer than NEAREST cut off, shadows over all of it.
 
     Shadow map and slices are small and there is no multisampling: on a processor they cost more than they show (panoramas smooth by themselves).
     """
@@ -174,7 +176,7 @@ def set_view(spec: mujoco.MjSpec, extent: ArrayLike, near: float = 0.03) -> None
     spec.stat.extent = radius
     spec.stat.center = np.array([*(low + high) / 2, 1.0])
     view = spec.visual
-    view.map.znear, view.map.zfar, view.map.shadowclip = near / radius, 6.0, 1.0
+    view.map.znear, view.map.zfar, view.map.shadowclip = NEAREST / radius, 6.0, 1.0
     view.global_.offwidth = view.global_.offheight = 4096
     view.quality.shadowsize, view.quality.offsamples = 1024, 0
     view.quality.numslices, view.quality.numstacks = 16, 10

@@ -35,8 +35,3 @@ def test_without_opengl_the_report_names_what_to_install(monkeypatch: pytest.Mon
     report = doctor.examine()
     assert report["gl"] is report["speed"] is None
     assert doctor.describe(report).splitlines()[-1] == "OpenGL     no OpenGL: install libegl1"
-
-
-def test_the_measuring_time_is_checked() -> None:
-    with pytest.raises(ValueError, match="seconds is 0"):
-        doctor.examine(0)

@@ -44,26 +44,3 @@ def test_printed_json(room, tmp_path, monkeypatch, capsys):
     assert set(content) == {"name", "figures", "counts", "distances"}
     assert content["name"] == read_model(tmp_path / "two.json").name == "both"
     assert content["counts"]["people"] == 10
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["fit-detector", "ROOM", "--out", "a.txt"], "--out is a.txt, needs a name that ends in .json"),
-        (["fit-detector", "ROOM", "--frames", "0:4", "--out", "a.json"], "too little truth"),
-        (["fit-detector", "nowhere", "--out", "a.json"], "nowhere: no such folder"),
-        (["demo", "--detector-model", "yolo", "--out", "d"], "detector model is 'yolo', needs independent, a file, or one of"),
-        (["generate", "pilsun", "--detector-model", "fairmot", "--misses", "0.2", "--out", "d"], "--misses is of the independent detector"),
-        (["stress", "--sweep", "misses", "--detector-model", "fairmot", "--out", "d"], "--sweep misses varies the independent detector"),
-        (["stress", "--recording", "ROOM", "--detector-model", "fairmot", "--out", "d"], "--recording has boxes of its own"),
-    ],
-)
-def test_bad_input_is_one_line(words, message, room, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(SystemExit) as ended:
-        command(monkeypatch, *[room if word == "ROOM" else word for word in words])
-    assert ended.value.code == 2
-    lines = capsys.readouterr().err.strip().splitlines()
-    assert len(lines) == 1
-    assert message in lines[0]
-    assert not list(tmp_path.iterdir())

@@ -14,6 +14,8 @@ from sim.cli.main import COMMANDS, main
 from tests.commands import pilsim
 from tests.tracker import sequences
 from tests.tracker.planar_slam.mrclam import write_set
+from tests.tracker.recordings.walked_room import walked_room
+from tracker.formats.recording_export import write_recording
 from tracker.metrics.trajectory import MEASURES
 
 TARGET_KEYS = """mota motp_m motp_percent false_positives misses switches fragments mostly_tracked mostly_lost truths idf1 hota moda modp"""
@@ -28,6 +30,14 @@ def refused(*arguments: object, cwd: Path) -> str:
     assert line.startswith("error: ")
     assert sorted(p.as_posix() for p in cwd.rglob("*")) == before
     return line
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder: Path = tmp_path_factory.mktemp("main") / "room"
+    folder.mkdir()
+    write_recording(folder, walked_room(people=4, frames=40, seed=2))
+    return folder
 
 
 def exit_code(*words: str) -> int:
@@ -83,13 +93,28 @@ def exit_code(*words: str) -> int:
         ("demo --difficulty nan", "difficulty is nan"),
         pytest.param("demo --world atlantis", "pilsun", marks=pytest.mark.command),
         ("demo --width 1023", "width is 1023"),
+        ("fit-detector ROOM --out a.txt", "--out is a.txt, needs a name that ends in .json"),
+        ("fit-detector ROOM --frames 0:4 --out a.json", "too little truth"),
+        ("fit-detector nowhere --out a.json", "nowhere: no such folder"),
+        ("demo --detector-model yolo --out d", "detector model is 'yolo', needs independent, a file, or one of"),
+        ("generate pilsun --detector-model fairmot --misses 0.2 --out d", "--misses is of the independent detector"),
+        ("stress --sweep misses --detector-model fairmot --out d", "--sweep misses varies the independent detector"),
+        ("stress --recording ROOM --detector-model fairmot --out d", "--recording has boxes of its own"),
+        ("predict ROOM --fit 5", "--fit is '5'"),
+        ("predict ROOM --fit 0:40 --detector-model fairmot", "exclude each other"),
+        ("predict ROOM --fit 0:4", "too little truth"),
+        ("predict ROOM --detector-model nobody", "detector model is 'nobody'"),
+        ("predict ROOM --seeds 0", "--seeds is 0"),
+        ("predict ROOM --out table.txt", "ends in .json"),
+        ("predict ROOM --world hall", "needs either SOURCE, a recording, or --world"),
+        ("predict ROOM --people 3", "needs either SOURCE, a recording, or --world"),
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(
-    words: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    words: str, message: str, room: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert exit_code(*words.split()) == 2
+    assert exit_code(*(str(room) if word == "ROOM" else word for word in words.split())) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("error: ")
     assert message in line

@@ -105,25 +105,3 @@ def test_intervals_are_of_one_more_run():
     assert (found.mean, found.low, found.high) == pytest.approx((0.85, 0.0, 1.0))
     assert one_more_interval([0.8, 0.9], bounds_of("mota")).low == pytest.approx(0.85 - 12.706 * 0.070711 * np.sqrt(1.5), abs=1e-3)
     assert one_more_interval([3.0]).low is None
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (("--fit", "5"), "--fit is '5'"),
-        (("--fit", "0:40", "--detector-model", "fairmot"), "exclude each other"),
-        (("--fit", "0:4"), "too little truth"),
-        (("--detector-model", "nobody"), "detector model is 'nobody'"),
-        (("--seeds", "0"), "--seeds is 0"),
-        (("--out", "table.txt"), "ends in .json"),
-        (("--world", "hall"), "needs either SOURCE, a recording, or --world"),
-        (("--people", "3"), "needs either SOURCE, a recording, or --world"),
-    ],
-)
-def test_bad_input_is_one_line(room, monkeypatch, capsys, words, said):
-    with pytest.raises(SystemExit) as exit_:
-        command(monkeypatch, "predict", room, *words)
-    error = capsys.readouterr().err
-    assert exit_.value.code == 2
-    assert said in error
-    assert error.count("\n") == 1

@@ -10,10 +10,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tests.tracker.formats.scene import FRAMES
+from tracker.formats.camera_parameters import FACES, face_camera
 from tracker.formats.colmap import colmap_camera
 from tracker.geometry import Array
 from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Camera, Fisheye, Panorama, Pinhole
-from tracker.geometry.cube_faces import FACES, face_camera
 from tracker.sequence.reader import read_sequence
 from tracker.sequence.truth_tables import read_joints, read_views
 

@@ -11,12 +11,11 @@ import yaml
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.tracker.formats.scene import FRAMES, RATE
-from tracker.formats.camera_parameters import ExportedView
+from tracker.formats.camera_parameters import FACES, ExportedView, face_camera
 from tracker.formats.euroc import camera_yaml, velocities
 from tracker.formats.exporting import ExportOptions, export
 from tracker.geometry import Pose, rotation_from_quaternion
 from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Fisheye, Pinhole
-from tracker.geometry.cube_faces import FACES, face_camera
 from tracker.sequence.reader import read_sequence
 from tracker.sequence.truth_tables import read_views
 

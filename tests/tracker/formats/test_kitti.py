@@ -9,11 +9,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tests.tracker.formats.scene import FRAMES, RATE
-from tracker.formats.camera_parameters import straight
+from tracker.formats.camera_parameters import FACES, Resampling, face_camera, straight
 from tracker.formats.kitti import projection
 from tracker.geometry import Pose
 from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Pinhole
-from tracker.geometry.cube_faces import FACES, Resampling, face_camera
 from tracker.sequence.reader import read_sequence
 from tracker.sequence.truth_tables import read_views
 

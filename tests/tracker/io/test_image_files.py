@@ -66,21 +66,31 @@ def test_videos_hold_all_frames_and_colors(tmp_path: Path) -> None:
     assert not read.read()[0]
 
 
-@pytest.mark.command
-def test_video_on_a_full_disk_is_an_error(tmp_path: Path) -> None:
-    """The encoder says nothing of a disk that is full."""
-    program = """
+DRAWN = """
 import sys, numpy as np
 from pathlib import Path
+images = (np.random.default_rng(k).integers(0, 255, (240, 320, 3), np.uint8) for k in range(30))
+"""
+BY_OPENCV = """
 from tracker.io.video_files import VideoWriters
-videos, rng = VideoWriters(Path(sys.argv[1]), 7.0), np.random.default_rng(0)
-for _ in range(30):
-    videos.put("a", rng.integers(0, 255, (240, 320, 3), np.uint8))
+videos = VideoWriters(Path(sys.argv[1]), 7.0)
+for image in images:
+    videos.put("a", image)
 videos.finish()
 """
+BY_AV = """
+from sim.visualization.plan_and_video import write_video
+write_video(Path(sys.argv[1]), images, 7.0)
+"""
+
+
+@pytest.mark.command
+@pytest.mark.parametrize(("program", "name"), [(BY_OPENCV, "v"), (BY_AV, "out.mp4")])
+def test_video_on_a_full_disk_is_an_error(tmp_path: Path, program: str, name: str) -> None:
+    """The encoders say nothing of a disk that is full."""
     limit = 100_000
     done = subprocess.run(
-        [sys.executable, "-c", program, tmp_path / "v"],
+        [sys.executable, "-c", DRAWN + program, tmp_path / name],
         cwd=ROOT,
         capture_output=True,
         text=True,
@@ -88,3 +98,4 @@ videos.finish()
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
     )
     assert done.stderr.strip().splitlines()[-1].endswith("frames could be written; is the disk full?"), done.stderr
+    assert not (tmp_path / "out.mp4").exists()

@@ -171,9 +171,7 @@ def test_frames_are_checked(arguments: tuple[Any, ...], text: str) -> None:
         MatchingFrame(*arguments)
 
 
-def test_gates_and_boxes_are_checked() -> None:
-    with pytest.raises(ValueError, match="gate is 0"):
-        score([], gate=0)
+def test_boxes_are_checked() -> None:
     with pytest.raises(ValueError, match=r"iou is 1\.5"):
         score_boxes([], iou=1.5)
     with pytest.raises(ValueError, match="boxes of shape"):

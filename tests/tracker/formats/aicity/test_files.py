@@ -78,32 +78,6 @@ def test_other_sensors_are_left_out_and_numbers_may_be_text(tmp_path: Path) -> N
     assert (rate, list(cameras), cameras["Camera"].camera.width, cameras["Camera"].camera.height) == (30.0, ["Camera"], 1920, 1080)
 
 
-@pytest.mark.parametrize(
-    ("path", "new", "message"),
-    [
-        (("sensors",), None, "sensors is missing"),
-        (("sensors",), [], "sensors holds no camera"),
-        (("sensors", 0), 3, r"sensors\[0\]: a JSON int, needs an object"),
-        (("sensors", 0, "id"), "a/b", r"sensors\[0\]: id is 'a/b', needs a name"),
-        (("sensors", 0, "attributes"), {}, r"sensors\[0\]: attributes is dict, needs list"),
-        (("sensors", 0, "attributes", 1, "value"), "wide", r"attributes\[1\]: 'wide' is the value of frameWidth, needs a number"),
-        (("sensors", 0, "attributes", 1, "value"), 19.5, "attributes: frameWidth is 19.5, needs a whole number"),
-        (("sensors", 0, "attributes", 0, "value"), -1, "attributes: fps is -1, needs a number from"),
-        (("sensors", 0, "attributes", 0, "name"), "rate", "fps is missing, needs a number"),
-        (("sensors", 0, "intrinsicMatrix", 0), [1, 2], "intrinsicMatrix is .*, needs 3 x 3 numbers"),
-        (("sensors", 0, "intrinsicMatrix", 0, 0), -5, "with fx, fy above 0"),
-        (("sensors", 0, "extrinsicMatrix", 2, 1), 0.9, "extrinsicMatrix is no rotation"),
-        (("sensors", 0, "extrinsicMatrix"), None, "extrinsicMatrix is missing, needs 3 x 4 numbers"),
-        (("sensors",), [SENSOR, SENSOR], "name 'Camera' twice"),
-    ],
-)
-def test_bad_calibrations_are_refused(tmp_path: Path, path: tuple[Any, ...], new: Any, message: str) -> None:
-    file = tmp_path / "calibration.json"
-    file.write_text(json.dumps(changed({"sensors": [SENSOR]}, path, new)))
-    with pytest.raises(ValueError, match=f"calibration.json: .*{message}"):
-        read_calibration(file)
-
-
 def test_truth_reads_back(tmp_path: Path) -> None:
     path = tmp_path / "ground_truth.json"
     one = AiCityObject("Person", 7, np.array([1.0, -2.5, 0.875]), np.array([0.6, 0.6, 1.75]), np.array([0.0, 0.0, 2.0]), {"C": np.arange(4.0)})
@@ -121,6 +95,20 @@ def test_truth_reads_back(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("path", "new", "message"),
     [
+        (("sensors",), None, "sensors is missing"),
+        (("sensors",), [], "sensors holds no camera"),
+        (("sensors", 0), 3, r"sensors\[0\]: a JSON int, needs an object"),
+        (("sensors", 0, "id"), "a/b", r"sensors\[0\]: id is 'a/b', needs a name"),
+        (("sensors", 0, "attributes"), {}, r"sensors\[0\]: attributes is dict, needs list"),
+        (("sensors", 0, "attributes", 1, "value"), "wide", r"attributes\[1\]: 'wide' is the value of frameWidth, needs a number"),
+        (("sensors", 0, "attributes", 1, "value"), 19.5, "attributes: frameWidth is 19.5, needs a whole number"),
+        (("sensors", 0, "attributes", 0, "value"), -1, "attributes: fps is -1, needs a number from"),
+        (("sensors", 0, "attributes", 0, "name"), "rate", "fps is missing, needs a number"),
+        (("sensors", 0, "intrinsicMatrix", 0), [1, 2], "intrinsicMatrix is .*, needs 3 x 3 numbers"),
+        (("sensors", 0, "intrinsicMatrix", 0, 0), -5, "with fx, fy above 0"),
+        (("sensors", 0, "extrinsicMatrix", 2, 1), 0.9, "extrinsicMatrix is no rotation"),
+        (("sensors", 0, "extrinsicMatrix"), None, "extrinsicMatrix is missing, needs 3 x 4 numbers"),
+        (("sensors",), [SENSOR, SENSOR], "name 'Camera' twice"),
         (("5",), {}, "frame 5 is a dict, needs a list"),
         (("-1",), [], "frame is '-1', needs each whole number"),
         (("1000000",), [], "from 0 to less than 1000000"),
@@ -136,11 +124,13 @@ def test_truth_reads_back(tmp_path: Path) -> None:
         (("5",), [OBJECT, OBJECT], "frame 5 holds an object id of a class twice"),
     ],
 )
-def test_bad_truth_is_refused(tmp_path: Path, path: tuple[Any, ...], new: Any, message: str) -> None:
-    file = tmp_path / "ground_truth.json"
-    file.write_text(json.dumps(changed({"5": [OBJECT]}, path, new)))
-    with pytest.raises(ValueError, match=f"ground_truth.json: .*{message}"):
-        read_ground_truth(file)
+def test_bad_content_is_refused(tmp_path: Path, path: tuple[Any, ...], new: Any, message: str) -> None:
+    name, whole, read = ("calibration.json", {"sensors": [SENSOR]}, read_calibration)
+    if path[0] != "sensors":
+        name, whole, read = ("ground_truth.json", {"5": [OBJECT]}, read_ground_truth)  # type: ignore[dict-item,assignment]
+    (tmp_path / name).write_text(json.dumps(changed(whole, path, new)))
+    with pytest.raises(ValueError, match=f"{name}: .*{message}"):
+        read(tmp_path / name)
 
 
 def rows() -> AiCityRows:

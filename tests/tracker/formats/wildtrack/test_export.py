@@ -1,9 +1,7 @@
 """WILDTRACK export: OpenCV reads the calibrations, and true feet project onto the boxes."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -14,14 +12,10 @@ from tests.tracker.formats.scene import FRAMES
 from tests.tracker.formats.wildtrack.test_rectangles import read_rectangles
 from tracker.formats.exported_sequence import RecordedSequence
 from tracker.formats.exporting import ExportOptions, export
-from tracker.formats.wildtrack.files import HIDDEN, read_calibration, read_ground_grid, read_positions
+from tracker.formats.wildtrack.files import HIDDEN, read_ground_grid, read_positions
 from tracker.formats.wildtrack.reading import read_wildtrack
-from tracker.metrics.evaluation import evaluate
-from tracker.pipeline import track
 from tracker.sequence.reader import read_sequence
-from tracker.sequence.results import Results
 from tracker.sequence.truth_tables import read_boxes
-from tracker.types import Sequence, TicksInMemory
 
 Exported = Callable[[str], Path]
 
@@ -48,18 +42,6 @@ def test_feet_project_onto_the_boxes_with_opencv(sequence: Path, exported: Expor
                 assert ymin < hv < ymax
                 checked += 1
     assert checked > 50
-
-
-def test_calibration_equals_the_camera(sequence: Path, exported: Exported) -> None:
-    setup = read_sequence(sequence).setup
-    points = np.random.default_rng(0).uniform([-8, -7, 0], [-2, -1, 2], (200, 3))
-    for view in range(3):
-        found = read_calibration(exported("wildtrack") / "plaza" / "calibrations", f"Camera{view + 1}", (240, 320))
-        start = setup.starts[f"view_{view}"]
-        assert start is not None
-        pixels, inside = setup.mounts[f"view_{view}"].camera.pixels_from_bearings(start.T_world_robot.inverse().apply(points))
-        assert inside.sum() > 100
-        assert_allclose(found.camera.pixels_from_bearings(found.pose.inverse().apply(points))[0], pixels, atol=1e-8)
 
 
 def test_positions_and_boxes_equal_the_sequence(sequence: Path, exported: Exported) -> None:
@@ -105,14 +87,8 @@ def test_rectangles_contain_the_boxes_of_people(sequence: Path, tmp_path: Path) 
         export(sequence, "coco", tmp_path / "other", options=ExportOptions(rectangles=True))
 
 
-def test_an_export_read_back_has_the_same_truth_detections_and_scores(sequence: Path, exported: Exported) -> None:
+def test_boxes_and_images_are_read_back(sequence: Path, exported: Exported) -> None:
     original, again = RecordedSequence.open(sequence), read_wildtrack(exported("wildtrack") / "plaza")
-    assert again.rate == original.rate
-    assert list(again.cameras) == ["C1", "C2", "C3"]
-    for truth in original.truth:
-        ids, feet = again.truth[truth.index]  # type: ignore[index]
-        assert_array_equal(ids, truth.person_id)
-        assert_array_equal(feet, truth.feet)
     for name, camera in zip(again.cameras, original.fixed, strict=True):
         for k in range(FRAMES):
             boxes, confidence = original.detection_boxes(k, camera)
@@ -120,15 +96,3 @@ def test_an_export_read_back_has_the_same_truth_detections_and_scores(sequence: 
             assert_allclose(found + np.array([0.5, 0.5, 0.0, 0.0]), boxes, atol=1e-9)
             assert_array_equal(found_confidence, confidence)
     assert len(list(again.images["C1"].images(FRAMES, (240, 320)))) == FRAMES
-
-    def scores(source: Sequence) -> dict[str, Any]:
-        return evaluate(source, Results.of(track(source.setup, source.ticks), run={}))["targets"]
-
-    setup = original.setup
-    mounts = {name: mount for name, mount in setup.mounts.items() if name in original.fixed}
-    fixed = replace(setup, mounts=mounts, starts={mount.robot: setup.starts[mount.robot] for mount in mounts.values()})
-    ticks = tuple(replace(tick, views=tuple(view for view in tick.views if view.camera in mounts)) for tick in original.sequence.ticks)
-    truth = tuple(replace(t, T_world_robot={}, visible=np.ones((len(t.person_id), 3))) for t in original.truth)
-    one, other = scores(Sequence(fixed, TicksInMemory(ticks, mounts), truth, {})), scores(again.sequence())
-    for count in ("truths", "misses", "false_positives", "switches"):
-        assert one[count] == other[count]

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from tracker.formats.camera_parameters import FACES, Resampling, face_camera
 from tracker.geometry import Array, bearing_from_angles
 from tracker.geometry.cameras import Camera, Cylinder, Fisheye, Panorama, PanoramicCamera, Pinhole
-from tracker.geometry.cube_faces import FACES, Resampling, face_camera
 
 PANORAMA = Panorama(512, 256)
 
