@@ -29,9 +29,9 @@ def estimated_offsets(recording: Recording) -> dict[str, float]:
     """Fixed camera → s by which its pictures are later than it says, of those that are clearly apart from the other cameras.
 
     Feet of one person in two cameras are compared, without truth (calibration_timing.py). What all cameras have in common cannot be seen: the median
-    is 0. Offsets that are not significant are left at 0: their standard errors are those of the mean of four quarters, so that Student's distribution
-    has three degrees of freedom, and all cameras are tested at once (Bonferroni). So are all where none is LEAST_DELAY, as errors of feet imitate
-    shorter ones.
+    is 0. Offsets that are not significant are left at 0. Their standard errors are those of the mean of four quarters, so that Student's distribution
+    has three degrees of freedom. All cameras are tested at once (Bonferroni). All offsets are left at 0 where none is LEAST_DELAY, as errors of feet
+    imitate shorter ones.
     """
     delays, rate = delays_among(CalibrationCase.of(recording)), recording.rate
     if len(delays) < 2:

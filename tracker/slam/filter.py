@@ -3,7 +3,7 @@
 A tick: prediction by odometry, levelling by gravity, then for each robot data association, update and landmark initialization.
 The state holds a correction factor a robot, and an update has a fixed number of linearisations.
 A robot without odometry goes on as it moved between the last two ticks (constant velocity with white acceleration noise). Bearings alone do not
-tell how long a way is: the scale of the map is then that of the velocity that is assumed at the start.
+tell how long a way is. The scale of the map is then that of the velocity that is assumed at the start.
 """
 
 from __future__ import annotations

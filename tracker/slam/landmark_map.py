@@ -1,6 +1,6 @@
 """The map's records of each landmark beside its mean and covariance: identity, descriptors, sightings and rejections; errors of features that last.
 
-The errors of the bearings of one feature are alike from frame to frame: the point that it shows slides over the surface while the view changes.
+The errors of the bearings of one feature are alike from frame to frame. The point that it shows slides over the surface while the view changes.
 A filter that takes them for independent is overconfident. Here they are a random walk of the landmark, beside white noise.
 
 Several robots may see one landmark at a time from different sides, and so different points of its surface. The landmark is the point that one
