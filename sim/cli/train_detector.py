@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
 
-from sim.cli.options import Out, json_text
+from sim.cli.options import Out, json_text, unset
 
 
 @dataclass(frozen=True)
@@ -17,6 +19,7 @@ class TrainDetector:
 
     Examples: pilsim train-detector --out runs/detector
               pilsim train-detector --scenes 200 --steps 40000 --seed 1 --out D
+              pilsim train-detector --start OLD.onnx --scenes 64 --steps 2200 --out D
     """
 
     out: Out
@@ -36,19 +39,21 @@ class TrainDetector:
     workers: int = 2
     """Number of processes; the result is the same with any number."""
     rich: bool = True
-    """Scenes have people in groups, people who sit, varied clothing, wet ground and all kinds of distractors, too."""
+    """Scenes have people in groups, people who sit, varied clothing and wet ground, too, and there are rooms with tables."""
+    start: Annotated[Path | None, unset("MODEL.onnx", "random weights")] = None
+    """Model of an earlier training whose weights are the first ones; fewer scenes and steps do then."""
     json: bool = False
     """Print JSON alone."""
 
     def run(self) -> None:
         from sim.training.training import MODEL, TrainingPlan, train_detector
 
-        plan = TrainingPlan(self.seed, self.scenes, self.moments, self.steps, self.calibration, self.held_out, self.workers, self.rich)
+        plan = TrainingPlan(self.seed, self.scenes, self.moments, self.steps, self.calibration, self.held_out, self.workers, self.rich, self.start)
         result = train_detector(plan, self.out)
         if self.json:
             print(json_text(result, indent=1))
             return
-        for kind in ("panorama", "pinhole"):
+        for kind in (name for name in result if name.endswith(("panorama", "pinhole"))):
             for name, value in result[kind].items():
-                print(f"{kind:9} {name:30} {value}")
+                print(f"{kind:14} {name:30} {value}")
         print(f"{self.out / MODEL}: {result['parameters']} parameters; curves.png and frames.png show it")

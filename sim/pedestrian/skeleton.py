@@ -152,9 +152,39 @@ KNEES_APART = 0.012
 """Distance of the feet outward of the hips, a share of stature."""
 
 
-def sitting_poses(stature: Array, seat: Array, ground: Terrain) -> Poses:
-    """Poses of m people of stature (m,) m on seats (m, 4): x, y and height m of the seat, and heading rad."""
-    size, heading = trunk_size(stature), seat[:, 3]
+@dataclass(frozen=True, eq=False)
+class SittingManner:
+    """How m people sit. lean, turn (m,) rad: of the trunk forward and to the left. nod (m,) rad: of the head forward.
+
+    swing, bend (m, 2) rad: upper arms forward, and elbows bent, left and right.
+    """
+
+    lean: Array
+    turn: Array
+    nod: Array
+    swing: Array
+    bend: Array
+
+    @staticmethod
+    def usual(m: int) -> SittingManner:
+        """Upright, with the hands before the belly."""
+        return SittingManner(np.full(m, TRUNK_LEAN), np.zeros(m), np.zeros(m), np.full((m, 2), ARM_SWING), np.full((m, 2), ELBOW_BEND))
+
+    @staticmethod
+    def drawn(m: int, rng: np.random.Generator) -> SittingManner:
+        """Leaning back or over the table, arms hanging, on the table, raised or at the head, looking down at something or ahead."""
+        return SittingManner(
+            rng.choice([rng.uniform(-0.25, 0.15, m), rng.uniform(0.1, 0.6, m)]),
+            rng.normal(0.0, 0.3, m),
+            np.where(rng.random(m) < 0.35, rng.uniform(0.1, 0.7, m), rng.normal(0.0, 0.1, m)),
+            np.where(rng.random((m, 2)) < 0.12, rng.uniform(1.0, 2.4, (m, 2)), rng.uniform(0.0, 0.9, (m, 2))),
+            rng.uniform(0.2, 2.1, (m, 2)),
+        )
+
+
+def sitting_poses(stature: Array, seat: Array, ground: Terrain, manner: SittingManner | None = None) -> Poses:
+    """Poses of m people of stature (m,) m on seats (m, 4): x, y and height m of the seat, and heading rad. manner: the usual one without it."""
+    size, heading, manner = trunk_size(stature), seat[:, 3], manner or SittingManner.usual(len(stature))
     none = np.zeros_like(heading)
     facing = rotation_matrices(heading, none, none)
     forward, left = facing[:, None, :, 0], facing[:, None, :, 1] * _SIDES[:, None]
@@ -171,10 +201,10 @@ def sitting_poses(stature: Array, seat: Array, ground: Terrain) -> Poses:
     ankle[..., 2] = knee_height - shin[:, None]
     feet = Feet(ankle, np.repeat(facing[:, None], 2, axis=1), ankle, np.zeros((len(size), 2)), ankle)
     knees, thighs, shins = leg_kinematics.solve_knees(size, hips, feet)
-    swing = np.full((len(size), 2), ARM_SWING)
-    yaw, away = np.repeat(heading[:, None], 2, axis=1), np.broadcast_to(ARMS_AWAY * _SIDES, swing.shape)
-    arms = rotation_matrices(yaw, -swing, away), rotation_matrices(yaw, -swing - ELBOW_BEND, 0.3 * away)
-    upper = UpperBody(rotation_matrices(heading, none + TRUNK_LEAN, none), facing, arms)
+    turned = heading + manner.turn
+    yaw, away = np.repeat(turned[:, None], 2, axis=1), np.broadcast_to(ARMS_AWAY * _SIDES, manner.swing.shape)
+    arms = rotation_matrices(yaw, -manner.swing, away), rotation_matrices(yaw, -manner.swing - manner.bend, 0.3 * away)
+    upper = UpperBody(rotation_matrices(turned, manner.lean, none), rotation_matrices(turned, manner.nod, none), arms)
     legs = (hips, knees, feet), (rotation_matrices(heading, none + PELVIS_TILT, none), thighs, shins)
     return assembled(stature, pelvis, upper, legs)
 

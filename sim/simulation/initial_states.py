@@ -56,14 +56,17 @@ def draw_robots(scenario: Scenario, free_space: FreeSpace) -> Array:
 def draw_places(scenario: Scenario, free_space: FreeSpace) -> Array:
     """Random positions (k, 2) m for the people who are present at first, and three spare ones for each rover.
 
-    Spare positions replace those that are too near to rovers. Raises ValueError if they do not fit in.
+    Spare positions replace those that are too near to rovers. Where they do not fit in, people who sit have none.
+    Raises ValueError if the others do not fit in.
     """
     wanted = min(scenario.at_once or scenario.people, scenario.people)
-    try:
-        return free_space.sample(scenario.stream("people/places"), wanted + 3 * scenario.robots if wanted else 0, 0.1, 0.8)
-    except ValueError as error:
-        message = f"people is {wanted}, more than {scenario.world} holds at once beside {scenario.robots} robots"
-        raise ValueError(f"{message}: {error}") from None
+    for standing in sorted({wanted, wanted - scenario.sitters}, reverse=True):
+        try:
+            return free_space.sample(scenario.stream("people/places"), standing + 3 * scenario.robots if wanted else 0, 0.1, 0.8)
+        except ValueError as error:
+            reason = error
+    message = f"people is {wanted}, more than {scenario.world} holds at once beside {scenario.robots} robots"
+    raise ValueError(f"{message}: {reason}") from None
 
 
 def make_crowd(
@@ -79,13 +82,17 @@ def make_crowd(
     schedule = Schedule(world.spawn, scenario.at_once, scenario.frames * scenario.period)
     plans = make_plans(free_space, people, scenario.stream("people/goals"), schedule)
     first = plans.at_once or len(people)
-    if len(free) < first:
+    if len(free) < first - scenario.sitters:
         raise ValueError(f"people is {first}, needs at most {len(free)}: more do not fit beside {scenario.robots} robots")
     places = np.zeros((len(people), 2))
-    places[:first] = order_by_group(free[:first], plans.group[:first])
+    if len(free) >= first:
+        places[:first] = order_by_group(free[:first], plans.group[:first])
     postures = None
     if scenario.sitting or scenario.groups:
         plans, postures = drawn_postures(plans, world.seats, (scenario.sitting, scenario.groups), scenario.stream("people/postures"))
+        if len(free) < first:
+            standing = np.setdiff1d(np.arange(first), postures.sitters)
+            places[standing] = free[: len(standing)]
     crowd = Crowd(free_space, world.terrain, plans, postures)
     return crowd, crowd.start(places, rng.uniform(-np.pi, np.pi, len(people)), robots)
 

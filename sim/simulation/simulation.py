@@ -14,7 +14,7 @@ from sim.crowd.crowd import Crowd, CrowdState, Obstacles, PedestrianModel
 from sim.crowd.goals import Postures
 from sim.crowd.replay import Paths, Replay
 from sim.pedestrian import clothing, clothing_textures, gait, skeleton
-from sim.pedestrian.skeleton import sitting_poses, with_sitters
+from sim.pedestrian.skeleton import SittingManner, sitting_poses, with_sitters
 from sim.pedestrian.umbrella import KIND, add_umbrella, umbrella_places, with_raised_arms
 from sim.robots import driving, odometry, rover
 from sim.robots.driving import DriveState, Motion, Pilot, Traffic
@@ -238,6 +238,12 @@ class Simulation:
         """Ids (m,) of the people who are present. The id of a person who has left is not reused."""
         return self.all_persons[self._crowd_state.present]
 
+    def change_manner(self, rng: np.random.Generator) -> None:
+        """Let all who sit take another posture on their seats. It lasts until the next change."""
+        if len(sitters := self._postures.sitters):
+            manner = SittingManner.drawn(len(sitters), rng)
+            self._seated, self._posed = sitting_poses(self.stature[sitters], self._postures.seat, self.world.terrain, manner), False
+
     @property
     def sitting(self) -> Ints | None:
         """Ids (k,) of the people who sit and are present; None where the scenario has no sitters."""
@@ -435,7 +441,7 @@ class Simulation:
         state = self._crowd_state
         known = self._crowd.postures if isinstance(self._crowd, Crowd) else None
         self._postures = known or Postures.none(len(people))
-        self._seated = None
+        self._seated: skeleton.Poses | None = None
         if len(sitters := self._postures.sitters):
             self._seated = sitting_poses(self.stature[sitters], self._postures.seat, self.world.terrain)
         self._holders = np.setdiff1d(self._with_umbrella, sitters)

@@ -32,6 +32,10 @@ PASTED_VISIBLE, PASTED_HEIGHT = 0.98, 36.0
 """Least visible share and height (px) of a body that is cut out and pasted elsewhere."""
 FIRST_PASTED = 240
 """Instance of the first pasted body."""
+FILLED = 0.4
+"""Share of its box that a body fills."""
+HIDDEN_SHARE, SCREEN_SHARE = 0.35, 0.1
+"""Shares of crops in which something hides a part of a body, and of those with a screen or a picture that shows another image."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +68,13 @@ class _CrowdCrop:
         """Median height of the bodies that can be found, px; a third of the crop where there are none."""
         tall = (self.boxes[:, 3] - self.boxes[:, 1])[self.visible >= LEAST_VISIBLE]
         return float(np.median(tall)) if len(tall) else len(self.picture) / 3
+
+    def visible_here(self) -> Array:
+        """Visible shares (n,) of the bodies, or less where their visible parts lie outside of the crop."""
+        inside = np.clip(self.boxes, 0, len(self.picture))
+        area = np.prod(inside[:, 2:] - inside[:, :2], axis=1)
+        pixels = np.bincount(self.instances.ravel(), minlength=256)[self.person]
+        return np.minimum(self.visible, pixels / np.maximum(FILLED * area, 1.0))
 
     def paste(self, picture: Picture, mask: NDArray[np.uint8], corner: tuple[int, int], instance: int, behind: bool) -> None:
         """Paste a picture at a corner (x, y), in front of all bodies or behind them. The visible shares of the bodies it hides shrink."""
@@ -110,12 +121,16 @@ class CropSampler:
             self._paste_people(crop, rng)
         if rng.random() < 0.5:
             self._paste_clutter(crop, rng)
+        if rng.random() < SCREEN_SHARE:
+            self._paste_screen(crop, rng)
+        if rng.random() < HIDDEN_SHARE:
+            self._hide(crop, rng)
         picture = camera_look(crop.picture, rng)
-        boxes = crop.boxes
+        boxes, visible = crop.boxes, crop.visible_here()
         if rng.random() < 0.5:
             picture = np.ascontiguousarray(picture[:, ::-1])
             boxes = np.stack([size - boxes[:, 2], boxes[:, 1], size - boxes[:, 0], boxes[:, 3]], axis=1)
-        return picture, targets_of(boxes, crop.visible, crop.cut, size)
+        return picture, targets_of(boxes, visible, crop.cut, size)
 
     def _image(self, rng: np.random.Generator) -> tuple[ImageSet, int, bool]:
         """A random image: its set, its index, and whether it is a panorama."""
@@ -130,7 +145,7 @@ class CropSampler:
         mine = images.image == index
         boxes, person, visible = images.boxes[mine], images.person[mine], images.visible[mine]
         cut = cut_off(boxes, width, height, wraps)
-        good = np.flatnonzero((visible >= LEAST_VISIBLE) & ~cut & (boxes[:, 3] - boxes[:, 1] >= LEAST_HEIGHT))
+        good = np.flatnonzero((visible >= LEAST_VISIBLE) & (boxes[:, 3] - boxes[:, 1] >= LEAST_HEIGHT))
         scale, middle = float(np.exp(rng.uniform(*np.log([0.35, 1.3])))), np.array([rng.uniform(0, width), rng.uniform(0, height)])
         if len(good) and rng.random() < CHOSEN_SHARE:
             box = boxes[good[int(rng.integers(len(good)))]]
@@ -245,6 +260,42 @@ class CropSampler:
             picture, mask = piece(rng, tall)
             at = rng.integers(-size // 10, size, 2).tolist()
             crop.paste(picture, mask, (at[0], at[1]), 0, behind=bool(rng.random() < 0.7))
+
+    def _hide(self, crop: _CrowdCrop, rng: np.random.Generator) -> None:
+        """Hide the lower part of a body, or one side of it, as tables, cars, walls and trunks do."""
+        whole = np.flatnonzero(crop.visible > 0.6)
+        if not len(whole):
+            return
+        left, top, right, bottom = crop.boxes[whole[int(rng.integers(len(whole)))]]
+        wide, tall, size = right - left, bottom - top, len(crop.picture)
+        if rng.random() < 0.7:
+            low = top + rng.uniform(0.15, 0.75) * tall, bottom + rng.uniform(0.0, 0.4) * tall
+            ends = left - rng.exponential(1.5) * wide - 1, right + rng.exponential(1.5) * wide + 1
+        else:
+            low, width = (top - rng.uniform(0.0, 1.0) * tall, bottom + rng.uniform(0.0, 0.4) * tall), rng.uniform(0.3, 2.0) * wide
+            side = left + rng.uniform(0.25, 0.75) * wide
+            ends = (side, side + width) if rng.random() < 0.5 else (side - width, side)
+        corner = np.clip(np.floor([ends[0], low[0]]), -size, size).astype(int)
+        shape = np.clip(np.ceil([ends[1], low[1]]) - corner, 2, size).astype(int)
+        picture = self._texture(rng, size)[: shape[1], : shape[0]]
+        if rng.random() < 0.5:
+            shade = np.linspace(rng.uniform(0.7, 1.3), rng.uniform(0.7, 1.3), len(picture))[:, None, None]
+            picture = (rng.uniform(10, 245, 3) * shade + 0.15 * (picture - 128.0)).clip(0, 255).astype(np.uint8)
+        crop.paste(picture, np.full(picture.shape[:2], 255, np.uint8), (int(corner[0]), int(corner[1])), 0, behind=False)
+
+    def _paste_screen(self, crop: _CrowdCrop, rng: np.random.Generator) -> None:
+        """Paste a part of another image within a frame, behind all bodies: people on screens are no people."""
+        images, index, _ = self._image(rng)
+        size, (height, width) = len(crop.picture), images.instances.shape[1:]
+        wide = int(size * rng.uniform(0.12, 0.6))
+        tall, side = int(wide * rng.uniform(0.5, 0.8)), int(rng.uniform(0.15, 0.6) * height)
+        x, y = int(rng.integers(0, width - side)), int(rng.integers(0, height - side))
+        screen = cv2.resize(images.colour[index][y : y + side, x : x + side], (wide, tall), interpolation=cv2.INTER_AREA).astype(np.float32)
+        screen = (screen * rng.uniform(0.6, 1.4) + rng.uniform(0, 30)).clip(0, 255).astype(np.uint8)
+        edge = max(1, round(0.03 * wide))
+        framed = cv2.copyMakeBorder(screen, edge, edge, edge, edge, cv2.BORDER_CONSTANT, value=rng.uniform(0, 90, 3).tolist())
+        at = rng.integers(-wide // 4, size - wide // 2, 2).tolist()
+        crop.paste(np.asarray(framed, np.uint8), np.full(framed.shape[:2], 255, np.uint8), (at[0], at[1]), 0, behind=True)
 
 
 @cache

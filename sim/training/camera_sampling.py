@@ -21,19 +21,35 @@ FIELDS = (math.radians(20.0), math.radians(85.0))
 """Horizontal fields of view of pinhole cameras, rad, log-uniform."""
 BODY = 1.7
 """m: the height of a body by which distances are chosen."""
-BODY_PIXELS = (24.0, 430.0)
-"""Height of the chosen body in a pinhole image, px, log-uniform."""
-PANORAMA_DISTANCES = (1.2, 14.0)
-"""Distance of the chosen body from a panorama, m, log-uniform."""
-NEAREST, FARTHEST = 1.5, 70.0
-"""Bounds of the distance of the chosen body from a pinhole camera, m."""
-EYE_LEVEL, MASTS, ROVERS = (0.4, 2.3), (2.3, 9.0), (0.5, 2.5)
-"""Heights above the ground, m: of pinhole cameras at eye level and on masts, and of panoramas."""
-MAST_SHARE = 0.6
-"""Share of pinhole cameras on masts."""
-CLEAR = 0.7
-"""m: free space around a camera, and distance of the first hit from the chosen body that still counts as seen."""
+FARTHEST = 70.0
+"""m: the largest distance of the chosen body from a pinhole camera."""
 ATTEMPTS = 40
+
+
+@dataclass(frozen=True)
+class CameraBounds:
+    """Where cameras are. body: height of the chosen body in a pinhole image, px, log-uniform. nearest: m, of it.
+
+    panorama: distance of the chosen body from a panorama, m, log-uniform. rovers, eye_level, masts: heights above the ground, m, of panoramas
+    and of pinhole cameras. masted: share of those on masts. clear: free space around a camera, m.
+    hidden: distance of the first hit from the chosen body that still counts as seen, m. between: share of panoramas between two people.
+    """
+
+    body: tuple[float, float] = (24.0, 430.0)
+    nearest: float = 1.5
+    panorama: tuple[float, float] = (1.2, 14.0)
+    rovers: tuple[float, float] = (0.5, 2.5)
+    eye_level: tuple[float, float] = (0.4, 2.3)
+    masts: tuple[float, float] = (2.3, 9.0)
+    masted: float = 0.6
+    clear: float = 0.35
+    hidden: float = 0.7
+    between: float = 0.0
+
+
+OUTDOORS = CameraBounds()
+INDOORS = CameraBounds((80.0, 800.0), 0.6, (0.5, 5.0), (0.85, 1.5), (0.8, 1.8), (1.8, 2.9), 0.4, 0.15, between=0.7)
+"""On tables, on tripods and in corners of rooms."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +58,7 @@ class CameraSampler:
 
     simulation: Simulation
     rng: np.random.Generator
+    bounds: CameraBounds = OUTDOORS
 
     def pose(self, camera: Camera) -> Pose | None:
         """A pose T_world_camera from which a person is seen, or None where none was found in ATTEMPTS draws or nobody is there."""
@@ -58,8 +75,12 @@ class CameraSampler:
     def _beside(self, _: Camera, feet: Array) -> Pose | None:
         """The pose of a panorama near a person, tilted as a rover on uneven ground is."""
         rng = self.rng
-        distance, azimuth = _log_uniform(rng, PANORAMA_DISTANCES), rng.uniform(-np.pi, np.pi)
-        at = self._above(feet[:2] + distance * np.array([np.cos(azimuth), np.sin(azimuth)]), rng.uniform(*ROVERS))
+        distance, azimuth = _log_uniform(rng, self.bounds.panorama), rng.uniform(-np.pi, np.pi)
+        place = feet[:2] + distance * np.array([np.cos(azimuth), np.sin(azimuth)])
+        if self.bounds.between and rng.random() < self.bounds.between:
+            other = self.simulation.feet()[rng.integers(len(self.simulation.feet())), :2]
+            place = feet[:2] + rng.uniform(0.3, 0.7) * (other - feet[:2]) + rng.normal(0.0, 0.2, 2)
+        at = self._above(place, rng.uniform(*self.bounds.rovers))
         yaw, tilt = rng.uniform(-np.pi, np.pi), rng.normal(0.0, math.radians(3.0), 2)
         if not self._sees(at, feet):
             return None
@@ -67,12 +88,12 @@ class CameraSampler:
 
     def _towards(self, camera: Camera, feet: Array) -> Pose | None:
         """The pose of a pinhole camera that has the person somewhere in its image."""
-        rng = self.rng
+        rng, bounds = self.rng, self.bounds
         bearings = camera.bearings_from_pixels(np.array([[0.0, camera.height / 2], [camera.width - 1.0, camera.height / 2]]))
         field = float(np.arccos(np.clip(bearings[0] @ bearings[1], -1, 1)))
         focal = camera.width / 2 / math.tan(field / 2)
-        distance = float(np.clip(focal * BODY / _log_uniform(rng, BODY_PIXELS), NEAREST, FARTHEST))
-        height = rng.uniform(*(MASTS if rng.random() < MAST_SHARE else EYE_LEVEL))
+        distance = float(np.clip(focal * BODY / _log_uniform(rng, bounds.body), bounds.nearest, FARTHEST))
+        height = rng.uniform(*(bounds.masts if rng.random() < bounds.masted else bounds.eye_level))
         height = min(height, max(0.4, 0.75 * distance))
         azimuth, across = rng.uniform(-np.pi, np.pi), math.sqrt(distance**2 - min(height, 0.9 * distance) ** 2)
         at = self._above(feet[:2] + across * np.array([np.cos(azimuth), np.sin(azimuth)]), height)
@@ -98,11 +119,11 @@ class CameraSampler:
         if ((at[:2] < ground.origin) | (at[:2] > ground.origin + size)).any():
             return False
         around = [np.array([math.cos(a), math.sin(a), 0.0]) for a in 2 * np.pi * np.arange(6) / 6] + [np.array([0.0, 0.0, s]) for s in (-1.0, 1.0)]
-        if min(self._hit(at, direction) for direction in around) < CLEAR / 2:
+        if min(self._hit(at, direction) for direction in around) < self.bounds.clear:
             return False
         offset = feet + np.array([0.0, 0.0, 1.2]) - at
         length = float(np.linalg.norm(offset))
-        return self._hit(at, offset / length) > length - CLEAR
+        return self._hit(at, offset / length) > length - self.bounds.hidden
 
     def _hit(self, start: Array, direction: Array) -> float:
         """Distance to the first hit of a ray, m; inf without a hit."""

@@ -9,11 +9,12 @@ import cv2
 import matplotlib.figure
 import numpy as np
 
-from sim.training.evaluation import FoundImage, Range, judged
+from sim.training.evaluation import HEIGHTS, SEEN, FoundImage, judged
 from sim.training.optimization import PARTS
 from sim.training.scene_rendering import ImageSet
 from tracker.geometry import Array
 from tracker.io.atomic import new_file
+from tracker.metrics.box_detection import WantedBodies
 
 DPI, SHOWN = 110, (480, 360)
 
@@ -31,7 +32,7 @@ def draw_curves(rows: list[tuple[float, ...]], kinds: dict[str, list[FoundImage]
     loss.set(xlabel="step", title="parts of the loss")
     loss.legend()
     for kind, images in kinds.items():
-        logits, hits, count = judged(images, Range(), calibration[2])
+        logits, hits, count = judged(images, WantedBodies(HEIGHTS, SEEN), calibration[2])
         order = np.argsort(-logits, kind="stable")
         right = np.cumsum(hits[order])
         precision.plot(right / max(count, 1), right / np.arange(1, len(order) + 1), label=f"{kind}, {count} bodies")

@@ -19,18 +19,21 @@ from sim.training.scene_rendering import ImageSet
 from sim.training.targets import HIDDEN, LEAST_VISIBLE
 from tracker.geometry import Array, Mask
 from tracker.geometry.cameras import Panorama
-from tracker.metrics.box_detection import IOU, NOBODY, average_precision, box_overlaps, match_by_score
+from tracker.metrics.box_detection import IOU, NOBODY, WantedBodies, average_precision, box_overlaps, match_by_score
 from tracker.metrics.box_scores import VISIBLE
-from tracker.person_detector.detector import PersonDetector
+from tracker.person_detector.detector import PersonDetector, within
 from tracker.person_detector.found_boxes import FoundBoxes, kept_rows
 from tracker.person_detector.search_levels import search_levels
+from worlds.scenes import meeting_room
 
 LEAST_LOGIT = -4.5
 """Of a box that is judged."""
-SEEN = 0.5
-"""Least visible share of a body that has to be found."""
+SEEN = 0.5, np.inf
+"""Visible shares of the bodies of the headline."""
 HEIGHTS = (20.0, 256.0)
 """px: heights of the bodies of the headline."""
+HEIGHTS_INDOORS = (20.0, 577.0)
+"""px: the same in rooms, where people are near."""
 HEIGHT_BINS = (8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0)
 
 
@@ -59,59 +62,53 @@ class FoundImage:
         return np.concatenate([found.box[:, :2], found.box[:, :2] + found.box[:, 2:]], axis=1), found.score
 
 
-@dataclass(frozen=True)
-class Range:
-    """Which bodies have to be found: heights px and visible shares, lower bounds included."""
-
-    heights: tuple[float, float] = HEIGHTS
-    visible: tuple[float, float] = (SEEN, 2.0)
-
-
 def found_images(detector: PersonDetector, sets: Iterable[tuple[str, ImageSet]], wraps: bool) -> list[FoundImage]:
-    """What is found in all images of some sets, each with the name of its world. wraps: whether they are panoramas."""
+    """What is found in all images of some sets, each with the name of its world. wraps: whether they are panoramas.
+
+    People whom the border of an image cuts count in rooms alone; true and found boxes end there.
+    """
     out = []
     for world, images in sets:
         height, width = images.instances.shape[1:]
         levels = search_levels((height, width), Panorama(width, height) if wraps else None)
         for index in range(len(images.colour)):
             mine = images.image == index
-            cut = cut_off(images.boxes[mine], width, height, wraps)
-            found = detector.peaks(np.ascontiguousarray(images.colour[index]), levels, wraps, LEAST_LOGIT)
+            cut = cut_off(images.boxes[mine], width, height, wraps) & (world != meeting_room.NAME)
+            image = np.ascontiguousarray(images.colour[index])
+            found = within(detector.peaks(image, levels, wraps, LEAST_LOGIT), image, wraps)
             out.append(FoundImage(found, images.boxes[mine], images.visible[mine], cut, world, float(width) if wraps else None))
     return out
 
 
-def judged(images: list[FoundImage], wanted: Range, nms_iou: float) -> tuple[Array, Mask, int]:
+def judged(images: list[FoundImage], wanted: WantedBodies, nms_iou: float) -> tuple[Array, Mask, int]:
     """Logits (k,) of boxes after suppression, whether each is a body, and the number of bodies that had to be found."""
     logits, hits, count = [], [], 0
     for image in images:
         found, logit = image.suppressed(nms_iou)
         there = image.visible >= HIDDEN
         boxes, visible = image.boxes[there], image.visible[there]
-        height = boxes[:, 3] - boxes[:, 1]
-        good = ~image.cut[there] & (height >= wanted.heights[0]) & (height < wanted.heights[1])
-        good &= (visible >= wanted.visible[0]) & (visible < wanted.visible[1])
+        good = ~image.cut[there] & wanted.of_this_height(boxes) & (visible >= wanted.visible[0]) & (visible < wanted.visible[1])
         count += int(good.sum())
         # Bodies that are ignored take any number of boxes, as crowds in COCO do.
         body = match_by_score(box_overlaps(found, boxes, image.period), good, np.array([IOU]), ~good)[0]
-        hit, own = np.append(good, False)[body], found[:, 3] - found[:, 1]
-        counted = hit | ((body == NOBODY) & (own >= wanted.heights[0]) & (own < wanted.heights[1]))
+        hit = np.append(good, False)[body]
+        counted = hit | ((body == NOBODY) & wanted.of_this_height(found))
         logits.append(logit[counted])
         hits.append(hit[counted])
     return np.concatenate(logits or [np.zeros(0)]), np.concatenate(hits or [np.zeros(0, bool)]), count
 
 
-def figures(images: list[FoundImage], nms_iou: float) -> dict[str, float | int]:
+def figures(images: list[FoundImage], nms_iou: float, heights: tuple[float, float] = HEIGHTS) -> dict[str, float | int]:
     """Average precision by name: all, by height, by visible share and by world; and the number of bodies of the first."""
-    logits, hits, count = judged(images, Range(), nms_iou)
+    logits, hits, count = judged(images, WantedBodies(heights, SEEN), nms_iou)
     out: dict[str, float | int] = {"bodies": count, "ap50": average_precision(logits, hits, count)}
     for low, high in pairwise(HEIGHT_BINS):
-        out[f"ap50, {low:.0f}-{high:.0f} px"] = average_precision(*judged(images, Range((low, high)), nms_iou))
+        out[f"ap50, {low:.0f}-{high:.0f} px"] = average_precision(*judged(images, WantedBodies((low, high), SEEN), nms_iou))
     for low, high in pairwise(VISIBLE):
-        out[f"ap50, seen {low:g}-{min(high, 1):g}"] = average_precision(*judged(images, Range(visible=(low, high)), nms_iou))
+        out[f"ap50, seen {low:g}-{min(high, 1):g}"] = average_precision(*judged(images, WantedBodies(heights, (low, high)), nms_iou))
     for world in sorted({image.world for image in images}):
         own = [image for image in images if image.world == world]
-        out[f"ap50, {world}"] = average_precision(*judged(own, Range(), nms_iou))
+        out[f"ap50, {world}"] = average_precision(*judged(own, WantedBodies(heights, SEEN), nms_iou))
     return {name: round(value, 4) for name, value in out.items()}
 
 
@@ -121,7 +118,7 @@ def feet_errors(images: list[FoundImage], nms_iou: float) -> Array:
     for image in images:
         found, logit = image.suppressed(nms_iou)
         found = found[logit > 0.0]
-        good = np.flatnonzero((image.visible >= SEEN) & ~image.cut & (image.heights >= HEIGHTS[0]) & (image.heights < HEIGHTS[1]))
+        good = np.flatnonzero((image.visible >= SEEN[0]) & ~image.cut & (image.heights >= HEIGHTS[0]) & (image.heights < HEIGHTS[1]))
         if not len(good) or not len(found):
             continue
         iou = box_overlaps(found, image.boxes[good], image.period)
@@ -149,7 +146,7 @@ class Calibration:
 
 def calibrate(images: list[FoundImage]) -> Calibration:
     """The calibration from images that were not trained on."""
-    wanted = Range((12.0, 512.0), (LEAST_VISIBLE, 2.0))
+    wanted = WantedBodies((12.0, 512.0), (LEAST_VISIBLE, np.inf))
     scores = {iou: np.nan_to_num(average_precision(*judged(images, wanted, iou))) for iou in NMS_IOUS}
     best = max(scores, key=lambda iou: scores[iou])
     logits, hits, _ = judged(images, wanted, best)

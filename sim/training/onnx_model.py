@@ -64,6 +64,71 @@ def quantize(graph: Path, out: Path, pictures: Iterable[NDArray[np.uint8]]) -> N
             quiet.setLevel(level)
 
 
+def take_weights(network: nn.Module, file: Path, pictures: Iterable[NDArray[np.uint8]]) -> None:
+    """Give a network the weights of an exported model, so that it says the same up to the rounding of its 8 bits.
+
+    Export has joined the normalizations with the convolutions. They are made anew with the means and variances of channels on pictures
+    (b, H, W, 3) RGB, so that training begins where the model is. Raises ValueError for a model of other shapes.
+    """
+    found, parts = _convolutions(file), dict(network.named_modules())
+    plain = {name: part for name, part in parts.items() if isinstance(part, nn.Conv2d)}
+    if {name: tuple(part.weight.shape) for name, part in plain.items()} != {name: tuple(weight.shape) for name, (weight, _) in found.items()}:
+        raise ValueError(f"{file}: has other convolutions than the network that is trained")
+    moments: dict[nn.Module, list[Tensor]] = {}
+    with torch.no_grad():
+        for name, part in plain.items():
+            part.weight.copy_(found[name][0])
+            if part.bias is not None:
+                part.bias.copy_(found[name][1])
+                continue
+            block, _, last = name.rpartition(".")
+            norm: Any = parts[f"{block}.{int(last) + 1}"]
+            norm.running_mean.zero_()
+            norm.running_var.fill_(1.0 - norm.eps)
+            norm.weight.fill_(1.0)
+            norm.bias.copy_(found[name][1])
+            moments[norm] = []
+        hooks = [norm.register_forward_pre_hook(lambda norm, x: moments[norm].append(_moments(x[0]))) for norm in moments]
+        for batch in pictures:
+            network.eval()(torch.from_numpy(batch).permute(0, 3, 1, 2).float().div(255.0))
+        for hook in hooks:
+            hook.remove()
+        for norm, seen in moments.items():
+            mean, square = torch.stack(seen).mean(dim=0)
+            norm.running_mean.copy_(mean)
+            norm.running_var.copy_(square - mean**2)
+            norm.weight.copy_((square - mean**2 + norm.eps).sqrt())
+            norm.bias.add_(mean)
+
+
+def _moments(x: Tensor) -> Tensor:
+    """Means of the channels of x (n, c, h, w) and of their squares, (2, c)."""
+    return torch.stack([x.mean(dim=(0, 2, 3)), (x**2).mean(dim=(0, 2, 3))])
+
+
+def _convolutions(file: Path) -> dict[str, tuple[Tensor, Tensor]]:
+    """Name of each convolution of an exported model, as of the part of the network → its weights and its bias in floating point."""
+    import onnx
+
+    graph = onnx.load(file).graph
+    values = {one.name: onnx.numpy_helper.to_array(one) for one in graph.initializer}
+    for node in graph.node:
+        if node.op_type == "DequantizeLinear" and node.input[0] in values:
+            scale = values[node.input[1]]
+            # Each output channel has a scale of its own.
+            scale = scale.reshape(-1, *[1] * (values[node.input[0]].ndim - 1)) if scale.size > 1 else scale
+            values[node.output[0]] = values[node.input[0]].astype(np.float32) * scale
+    out = {}
+    for node in graph.node:
+        if node.op_type == "Conv":
+            # A node has the names of the parts around it, as /network/stages.0/stages.0.1/inner/inner.0/Conv.
+            path = node.name.split("/")[2:-1]
+            name = ".".join(part for part, inner in zip(path, [*path[1:], ""], strict=True) if not inner.startswith(f"{part}."))
+            weight, bias = (torch.from_numpy(np.array(values[of])) for of in node.input[1:3])
+            out[name] = weight, bias
+    return out
+
+
 OPSET = 17
 KEY = "pilsim"
 """Entry of the metadata: a JSON object with version, calibration, min_score and nms_iou, and how the model was made."""

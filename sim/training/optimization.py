@@ -21,6 +21,7 @@ from torch.nn import functional
 
 from sim.training.augmentation import CropBatch, CropSampler
 from sim.training.network import PersonNetwork
+from sim.training.onnx_model import take_weights
 from tracker.io.atomic import new_file
 from tracker.io.progress import progress_bar
 
@@ -35,11 +36,11 @@ def detection_loss(outputs: tuple[Tensor, Tensor, Tensor], targets: dict[str, Te
     """Parts of the loss, to be summed: scores, overlap, logarithm and spread. targets: as in CropBatch, with the same names."""
     scores, edges, spread = (output.float() for output in outputs)
     heat, counted, weight = targets["heat"], targets["counted"], targets["weight"]
-    centre = (heat == 1).float()
+    centre = (heat == 1).float() * weight
     count = centre.sum().clamp(min=4.0)
     probability = torch.sigmoid(scores)
     found = functional.logsigmoid(scores) * (1 - probability) ** FOCUS * centre
-    empty = functional.logsigmoid(-scores) * probability**FOCUS * (1 - heat) ** NEARBY * (1 - centre) * counted
+    empty = functional.logsigmoid(-scores) * probability**FOCUS * (1 - heat) ** NEARBY * counted
     total = weight.sum().clamp(min=4.0)
     wanted = targets["edges"]
     errors = (edges - wanted.log()).abs()
@@ -64,8 +65,10 @@ def generalized_iou(a: Tensor, b: Tensor) -> Tensor:
     return (common / union - (hull - union) / hull)[:, None]
 
 
-RATE, WARM_UP, DECAY = 2e-3, 200, 0.02
-"""Largest learning rate, steps until it is reached, and weight decay."""
+RATE, TUNING_RATE, WARM_UP, DECAY = 2e-3, 4e-4, 200, 0.02
+"""Largest learning rate from the start and of a trained model, steps until it is reached, and weight decay."""
+START_BATCHES = 12
+"""Batches whose statistics normalize the channels of a trained model."""
 AVERAGE = 0.998
 """Decay of the moving average of the weights, which is what is kept (Polyak & Juditsky 1992)."""
 LARGEST_GRADIENT = 10.0
@@ -126,20 +129,24 @@ class _Batches(torch.utils.data.Dataset):
         return {name: torch.from_numpy(getattr(batch, name)) for name in ("picture", *TARGETS)}
 
 
-def optimize(sampler: CropSampler, steps: int, folder: Path, workers: int) -> nn.Module:
+def optimize(sampler: CropSampler, steps: int, folder: Path, workers: int, start: Path | None = None) -> nn.Module:
     """Train for `steps` batches, and return the averaged network.
 
-    It continues from a checkpoint in `folder`, and writes checkpoints and curve.csv there.
+    It continues from a checkpoint in `folder`, and writes checkpoints and curve.csv there. start: a model whose weights are the first ones.
     workers: number of processes that make batches; the result is the same with any number. The network is trained in one thread.
     """
     torch.set_num_threads(1)
     file = folder / CHECKPOINT
     state = TrainingState.read(file, sampler.seed) if file.exists() else TrainingState.new(sampler.seed)
+    if start is not None and not file.exists():
+        take_weights(state.network, start, (sampler.batch(steps + k).picture for k in range(START_BATCHES)))
+        state.average = copy.deepcopy(state.network)
+    largest = RATE if start is None else TUNING_RATE
     state.network.train()
     recent: list[list[float]] = []
     with progress_bar(total=steps, initial=state.step, desc="training", unit="step") as bar:
         for batch in _loaded(sampler, range(state.step, steps), workers):
-            recent.append(_step(state, batch, steps))
+            recent.append(_step(state, batch, learning_rate(state.step, steps, largest)))
             state.step += 1
             bar.update(1)
             if state.step % ROW_EVERY == 0 or state.step == steps:
@@ -155,7 +162,9 @@ def optimize(sampler: CropSampler, steps: int, folder: Path, workers: int) -> nn
 def _loaded(sampler: CropSampler, numbers: range, workers: int) -> Iterator[dict[str, Tensor]]:
     # A fork would inherit locks of the threads that OpenCV and onnxruntime have, and wait for ever.
     processes: dict[str, Any] = {"num_workers": workers, "worker_init_fn": _one_thread, "prefetch_factor": 8, "multiprocessing_context": "spawn"}
-    loader: Any = torch.utils.data.DataLoader(_Batches(sampler), batch_size=None, sampler=list(numbers), **processes)
+    if not workers:
+        _one_thread(0)
+    loader: Any = torch.utils.data.DataLoader(_Batches(sampler), batch_size=None, sampler=list(numbers), **(processes if workers else {}))
     return iter(loader)
 
 
@@ -165,18 +174,18 @@ def _one_thread(_: int) -> None:
     cv2.setNumThreads(1)
 
 
-def learning_rate(step: int, steps: int) -> float:
-    """The rate of a step: linear to RATE over WARM_UP steps, then half a cosine to 0 (Loshchilov & Hutter 2017)."""
+def learning_rate(step: int, steps: int, largest: float = RATE) -> float:
+    """The rate of a step: linear to the largest over WARM_UP steps, then half a cosine to 0 (Loshchilov & Hutter 2017)."""
     warm = min(WARM_UP, max(1, steps // 5))
     if step < warm:
-        return RATE * (step + 1) / warm
-    return RATE * 0.5 * (1 + math.cos(math.pi * (step - warm) / max(1, steps - warm)))
+        return largest * (step + 1) / warm
+    return largest * 0.5 * (1 + math.cos(math.pi * (step - warm) / max(1, steps - warm)))
 
 
-def _step(state: TrainingState, batch: dict[str, Tensor], steps: int) -> list[float]:
+def _step(state: TrainingState, batch: dict[str, Tensor], rate: float) -> list[float]:
     """One step of the optimizer. Returns the parts of the loss."""
     for group in state.optimizer.param_groups:
-        group["lr"] = learning_rate(state.step, steps)
+        group["lr"] = rate
     picture = batch["picture"].permute(0, 3, 1, 2).float().div(255.0)
     with torch.autocast("cpu", torch.bfloat16):
         outputs = state.network(picture)

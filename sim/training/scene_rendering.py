@@ -21,12 +21,12 @@ from sim.scenario import PLAIN_CLOTHING, VARIED_CLOTHING, Scenario
 from sim.sensors.true_boxes import InstanceImage, People, true_boxes
 from sim.simulation.lighting import set_light, set_sky
 from sim.simulation.simulation import Simulation, furnished
-from sim.training.camera_sampling import CameraSampler, draw_cameras
+from sim.training.camera_sampling import INDOORS, OUTDOORS, CameraSampler, draw_cameras
 from tracker.geometry import Array
 from tracker.geometry.cameras import Panorama
 from tracker.io.atomic import new_folder
 from worlds import catalogue
-from worlds.scenes.distractor_placement import with_distractors
+from worlds.scenes import meeting_room
 from worlds.world import World
 
 PEOPLE = (10, 70)
@@ -36,7 +36,7 @@ DENSE_SHARE, DENSE_GROUND = 0.5, (8.0, 22.0)
 STEP_RATE = 0.5
 """Hz: rate of the moments of a scene. People walk about 2 m between two of them."""
 DISTRACTOR_SHARE, DISTRACTORS = 0.6, (4.0, 48.0)
-"""Share of scenes with cones, signs, coat stands and the like, and bounds of their number, log-uniform. Real pictures have them."""
+"""Share of scenes with distractors, and bounds of their number, log-uniform. Real pictures have them."""
 RICH = {"groups": (0.6, 0.1, 0.6), "sitting": (0.5, 0.05, 0.4), "wet": (0.25, 0.3, 1.0), "umbrellas": (0.15, 0.05, 0.5)}
 """Field of a scenario → share of the rich scenes that have it, and bounds of its value."""
 VARIED_SHARE = 0.6
@@ -47,16 +47,20 @@ PLACES = ("campus", "forest", "hills", "pilsun", "quarry", "ruins", "tunnel")
 """The worlds of the scenes. A new world is not added by itself, since scenes must not depend on how many worlds there are."""
 TWICE = ("campus", "pilsun")
 """Worlds of which twice as many scenes are made: they alone have furniture and streets."""
+ROOMS, ROOM_PINHOLES = 7, 2
+"""Number of meeting rooms after each turn of the worlds, where scenes are rich, and most pinhole images at a moment there."""
+STANDING = 4
+"""Largest number of people in a room who stand."""
 PANORAMAS, PINHOLES = "panorama", "pinhole"
 
 
 @dataclass(frozen=True)
 class SceneTask:
-    """A scene to render. folder: its place. seed: of its scenario. world: its name, a name of worlds.catalogue.
+    """A scene to render. folder: its place. seed: of its scenario. world: its name, a name of worlds.catalogue or that of meeting rooms.
 
     moments: number of moments. panoramas, pinholes: images of each kind at every moment.
     plain: whether world, crowd and light are as `pilsim generate` makes them by default, as for evaluation.
-    rich: whether some scenes have groups, sitters, varied clothing, wet ground and all kinds of distractors, by RICH.
+    rich: whether some scenes have groups, sitters, varied clothing and wet ground, by RICH.
     """
 
     folder: Path
@@ -91,6 +95,8 @@ class SceneTask:
 
     def _simulation(self, rng: np.random.Generator) -> Simulation:
         """The simulation; the crowd is halved until it fits."""
+        if self.world == meeting_room.NAME:
+            return self._room(rng)
         difficulty, people, edge = rng.uniform(0.0, 1.0), int(rng.integers(*PEOPLE)), rng.uniform(*DENSE_GROUND)
         dense, height = rng.random() < DENSE_SHARE, rng.uniform(0.5, 2.0)
         distractors = int(np.exp(rng.uniform(*np.log(DISTRACTORS)))) if rng.random() < DISTRACTOR_SHARE else 0
@@ -100,10 +106,8 @@ class SceneTask:
         world = catalogue.build(scenario.world, scenario.stream("world"), scenario.difficulty)
         if dense and not self.plain:
             world = confine(world, (edge, edge), scenario.stream("world/confined"))
-        if self.rich and not self.plain:
-            scenario, world = _rich(scenario, world, distractors)
-        elif not self.plain:
-            world = _with_street_furniture(world, scenario, distractors)
+        if not self.plain:
+            scenario, world = _furnished(_rich(scenario) if self.rich else scenario, world, distractors)
         while True:
             try:
                 return Simulation(scenario, world=world)
@@ -112,14 +116,31 @@ class SceneTask:
                     raise
                 scenario = dataclasses.replace(scenario, people=scenario.people // 2)
 
+    def _room(self, rng: np.random.Generator) -> Simulation:
+        """A room in which most people sit. A room that is too full to stand in is drawn again, with fewer people who stand."""
+        for attempt in range(60):
+            clothing = VARIED_CLOTHING if rng.random() < VARIED_SHARE else PLAIN_CLOTHING
+            scenario = Scenario(world=self.world, seed=self.seed, robots=1, frames=self.moments, rate=STEP_RATE, timestep=0.01, clothing=clothing)
+            try:
+                world = meeting_room.build(np.random.default_rng([self.seed, attempt, zlib.crc32(b"room")]))
+                seated, standing = round(len(world.seats) * rng.uniform(0.4, 1.0)), int(rng.integers(0, max(1, STANDING - attempt // 10)))
+                scenario = dataclasses.replace(scenario, people=seated + standing, sitting=seated / (seated + standing), children=0.05)
+                return Simulation(scenario, world=world)
+            except ValueError as error:
+                reason = error
+        raise reason
+
     def _images(self, simulation: Simulation, rng: np.random.Generator) -> dict[str, ImageSet]:
-        cameras, sampler = draw_cameras(rng, self.pinholes), CameraSampler(simulation, rng)
+        bounds = INDOORS if self.world == meeting_room.NAME else OUTDOORS
+        cameras, sampler = draw_cameras(rng, self.pinholes), CameraSampler(simulation, rng, bounds)
         views = [0] * self.panoramas + list(range(1, 1 + self.pinholes))
         shots: dict[str, list[Shot]] = {PANORAMAS: [], PINHOLES: []}
         with PanoramaRenderer(simulation.model, cameras, simulation.person_of_geom.astype(np.uint16)) as renderer:
             for moment in range(self.moments):
                 if moment:
                     simulation.step()
+                if bounds is INDOORS:
+                    simulation.change_manner(rng)
                 people = People(np.asarray(simulation.persons, dtype=np.int64), simulation.joints())
                 for which in views:
                     pose = sampler.pose(cameras[which])
@@ -133,12 +154,17 @@ class SceneTask:
         return {kind: ImageSet.of(taken, cameras[kind == PINHOLES]) for kind, taken in shots.items()}
 
 
-def _rich(scenario: Scenario, world: World, distractors: int) -> tuple[Scenario, World]:
-    """The scenario with groups, sitters, clothing and wet ground by RICH, and its world. Both numbers are halved until they fit."""
+def _rich(scenario: Scenario) -> Scenario:
+    """The scenario with groups, sitters, clothing and wet ground by RICH."""
     rng = scenario.stream("rich scene")
     drawn: dict[str, Any] = {name: float(rng.uniform(low, high)) if rng.random() < share else 0.0 for name, (share, low, high) in RICH.items()}
     clothing = VARIED_CLOTHING if rng.random() < VARIED_SHARE else PLAIN_CLOTHING
-    scenario = dataclasses.replace(scenario, distractors=distractors, clothing=clothing, **drawn)
+    return dataclasses.replace(scenario, clothing=clothing, **drawn)
+
+
+def _furnished(scenario: Scenario, world: World, distractors: int) -> tuple[Scenario, World]:
+    """The scenario with distractors, and its world with them and with seats. Both numbers are halved until they fit."""
+    scenario = dataclasses.replace(scenario, distractors=distractors)
     while True:
         try:
             return scenario, furnished(world, scenario)
@@ -146,15 +172,6 @@ def _rich(scenario: Scenario, world: World, distractors: int) -> tuple[Scenario,
             if not scenario.distractors and not scenario.sitters:
                 raise
             scenario = dataclasses.replace(scenario, distractors=scenario.distractors // 2, sitting=scenario.sitting / 2)
-
-
-def _with_street_furniture(world: World, scenario: Scenario, distractors: int) -> World:
-    """The world with distractors; their number is halved until they fit."""
-    while True:
-        try:
-            return with_distractors(world, scenario.stream("world/distractors"), distractors, street=True)
-        except ValueError:
-            distractors //= 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,8 +237,9 @@ class ImageSet:
 
 def scene_tasks(folder: Path, count: int, seed: int, size: dict[str, int] | None = None, rich: bool = False) -> list[SceneTask]:
     """Tasks of `count` scenes in `folder`; the worlds take turns. The n-th has seed + n. size: numbers of SceneTask that differ from its defaults."""
-    names = [*PLACES, *TWICE]
-    return [SceneTask(folder / f"scene-{k:04d}", seed + k, names[k % len(names)], **(size or {}), plain=False, rich=rich) for k in range(count)]
+    names = [*PLACES, *TWICE, *([meeting_room.NAME] * ROOMS if rich else [])]
+    tasks = [SceneTask(folder / f"scene-{k:04d}", seed + k, names[k % len(names)], **(size or {}), plain=False, rich=rich) for k in range(count)]
+    return [dataclasses.replace(task, pinholes=min(task.pinholes, ROOM_PINHOLES)) if task.world == meeting_room.NAME else task for task in tasks]
 
 
 def run_scene(task: SceneTask) -> None:

@@ -18,8 +18,12 @@ SPREAD, NARROWEST = 0.54 / 6, 0.35
 """Sigma of the heat as a share of the box, and its lower bound in cells."""
 EDGE_HEAT = 0.2
 """Least heat of a cell that learns the edges."""
-LEAST_VISIBLE, HIDDEN = 0.3, 0.03
+LEAST_VISIBLE, HIDDEN = 0.1, 0.03
 """Least visible share of a body that is to be found. Less is ignored down to HIDDEN, and nothing below it."""
+WEIGHTS = (0.1, 0.5), (0.35, 1.0)
+"""Visible shares, and the weights of bodies there: of whom little is seen, the whole body is partly a guess."""
+LEAST_INSIDE, CUT_WEIGHT = 0.2, 0.5
+"""Least share inside of the crop of the box of a body that is to be found, and the weight of bodies that a border cuts."""
 LEAST_HEIGHT = 11.0
 """px: smaller bodies are ignored."""
 
@@ -29,7 +33,8 @@ class Targets:
     """Targets of a crop of S px, on S/4 x S/4 cells.
 
     heat (1, h, w) in [0, 1]. counted (1, h, w): 0 where a cell without a body is ignored, else 1.
-    edges (4, h, w): distances px from the cell's centre to left, top, right and bottom. weight (1, h, w): of the edges, 0 for none.
+    edges (4, h, w): distances px from the cell's centre to left, top, right and bottom. weight (1, h, w): of the edges, 0 for none;
+    where heat is 1, that of the body's score, too.
     """
 
     heat: NDArray[np.float32]
@@ -38,18 +43,23 @@ class Targets:
     weight: NDArray[np.float32]
 
 
-def targets_of(boxes: Array, visible: Array, ignored: Mask, size: int) -> Targets:
-    """Targets for bodies with boxes (n, 4) px, visible shares (n,), and ignored (n,), in a crop of `size` px."""
+def targets_of(boxes: Array, visible: Array, cut: Mask, size: int) -> Targets:
+    """Targets for bodies with boxes (n, 4) px and visible shares (n,), cut (n,) by the border of their image, in a crop of `size` px.
+
+    A body whose middle lies outside of the crop has the box of its part inside, as the detector cuts off what is outside of an image.
+    """
     cells = size // STRIDE
     heat, counted = np.zeros((cells, cells), np.float32), np.ones((cells, cells), np.float32)
     edges, weight = np.ones((4, cells, cells), np.float32), np.zeros((cells, cells), np.float32)
     centres = (np.arange(cells, dtype=np.float32) + 0.5) * STRIDE
-    skipped = ignored | (visible < LEAST_VISIBLE) | (boxes[:, 3] - boxes[:, 1] < LEAST_HEIGHT)
+    boxes, cut, inside = _within(boxes, cut, size)
+    skipped = (inside < LEAST_INSIDE) | (visible < LEAST_VISIBLE) | (boxes[:, 3] - boxes[:, 1] < LEAST_HEIGHT)
+    worth = np.interp(visible, *WEIGHTS) * np.where(cut, CUT_WEIGHT, 1.0)
     for box, share in zip(boxes[skipped], visible[skipped], strict=True):
         left, top, right, bottom = np.clip(np.rint(box / STRIDE), 0, cells).astype(int)
         if share >= HIDDEN:
             counted[top : bottom + 1, left : right + 1] = 0
-    for box in boxes[~skipped]:
+    for box, worthy in zip(boxes[~skipped], worth[~skipped], strict=True):
         middle, extent = (box[:2] + box[2:]) / 2, box[2:] - box[:2]
         column, row = np.floor(middle / STRIDE).astype(int)
         if not (0 <= column < cells and 0 <= row < cells):
@@ -62,6 +72,15 @@ def targets_of(boxes: Array, visible: Array, ignored: Mask, size: int) -> Target
         rows, columns = np.nonzero(best)
         x, y = centres[columns], centres[rows]
         edges[:, rows, columns] = np.maximum(np.stack([x - box[0], y - box[1], box[2] - x, box[3] - y]), 0.5)
-        weight[rows, columns] = own[rows, columns]
+        weight[rows, columns] = worthy * own[rows, columns]
         np.maximum(heat, own, out=heat)
     return Targets(heat[None], counted[None], edges, weight[None])
+
+
+def _within(boxes: Array, cut: Mask, size: int) -> tuple[Array, Mask, Array]:
+    """Boxes (n, 4) px whose middles are in the crop, whether a border cuts what is known of each, and the shares (n,) of their areas inside."""
+    clipped = np.clip(boxes, 0, size)
+    middle = (boxes[:, :2] + boxes[:, 2:]) / 2
+    outside: Mask = np.any((middle < 0) | (middle >= size), axis=1)
+    share = np.prod(clipped[:, 2:] - clipped[:, :2], axis=1) / np.maximum(np.prod(boxes[:, 2:] - boxes[:, :2], axis=1), 1e-9)
+    return np.where(outside[:, None], clipped, boxes), cut | outside, share

@@ -6,6 +6,7 @@ Every step keeps what it has made in the folder, so that the same call continues
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import importlib.util
 import json
 from dataclasses import dataclass
@@ -16,14 +17,15 @@ import numpy as np
 
 from sim.parallel.pool import Pool
 from sim.training.augmentation import CropSampler
-from sim.training.evaluation import MIN_SCORE, Calibration, FoundImage, calibrate, feet_errors, figures, found_images
-from sim.training.scene_rendering import PANORAMAS, PINHOLES, PLACES, ImageSet, SceneTask, run_scene, scene_tasks
+from sim.training.evaluation import HEIGHTS, HEIGHTS_INDOORS, MIN_SCORE, Calibration, FoundImage, calibrate, feet_errors, figures, found_images
+from sim.training.scene_rendering import PANORAMAS, PINHOLES, PLACES, ROOMS, ImageSet, SceneTask, run_scene, scene_tasks
 from tracker.io.atomic import write_text
 from tracker.io.file_lock import folder_lock
 from tracker.io.json_files import read_json
 from tracker.io.progress import progress_bar
 from tracker.io.resume import check_same, holds_run
 from tracker.person_detector.detector import PersonDetector
+from worlds.scenes import meeting_room
 
 HELD_OUT_SEED = 2000
 """Seed of the first held-out worlds. Training and calibration have seeds from 10,000 on."""
@@ -33,6 +35,8 @@ JUDGED = {"moments": 4, "panoramas": 1, "pinholes": 2}
 """Sizes of the scenes of calibration and evaluation."""
 ORDER, MODEL, FIGURES, CURVES, FRAMES = "order.json", "person_detector.onnx", "figures.json", "curves.png", "frames.png"
 SHOWN_FRAMES = 10
+HELD_OUT_ROOMS = 2
+"""Number of held-out meeting rooms for each seed of held-out worlds."""
 UNCALIBRATED = {"version": 1, "calibration": [[-10.0, 0.0], [10.0, 1.0]], "min_score": 0.0, "nms_iou": 1.0}
 """Metadata of the model while its calibration is sought."""
 RANGE_BATCHES = 12
@@ -46,7 +50,8 @@ class TrainingPlan:
     """A training. seed: of all draws. scenes, moments: rendered scenes, and moments of each. steps: of the optimizer.
 
     calibration, held_out: number of scenes for the calibration and for the evaluation. workers: number of processes; it changes no result.
-    rich: whether scenes have people in groups, sitters, varied clothing, wet ground and all kinds of distractors; never those of held_out.
+    rich: whether scenes have people in groups, sitters, varied clothing and wet ground, never those of held_out;
+    and whether there are meeting rooms, among those of held_out, too. start: a model whose weights are the first ones, None for random ones.
     Raises ValueError for a number out of bounds.
     """
 
@@ -58,6 +63,7 @@ class TrainingPlan:
     held_out: int = 35
     workers: int = 2
     rich: bool = True
+    start: Path | None = None
 
     def __post_init__(self) -> None:
         bounds = {"seed": (0, 10**6), "scenes": (1, 5000), "moments": (1, 1000), "steps": (1, 10**7)}
@@ -67,19 +73,26 @@ class TrainingPlan:
                 raise ValueError(f"{name} is {value}, needs {low} to {high}")
 
     @property
-    def order(self) -> dict[str, int]:
-        """What decides the result, as JSON values. `rich` is among them only where it is on, so that older orders stay valid."""
-        return {name: value for name, value in dataclasses.asdict(self).items() if name != "workers" and (name != "rich" or value)}
+    def order(self) -> dict[str, int | str]:
+        """What decides the result, as JSON values. Whatever older orders did not have is there only where it is on, so that they stay valid.
+
+        Raises OSError where the model to start from cannot be read.
+        """
+        numbers = {name: value for name, value in dataclasses.asdict(self).items() if name not in ("workers", "rich", "start")}
+        start = {} if self.start is None else {"start": hashlib.sha256(self.start.read_bytes()).hexdigest()}
+        return numbers | ({"rich": True, "rooms": ROOMS} if self.rich else {}) | start
 
     def tasks(self, folder: Path) -> dict[str, list[SceneTask]]:
-        """The scenes to be rendered, by their purpose: data, calibration and held-out."""
+        """The scenes to be rendered, by their purpose: data, calibration, held-out and, of meeting rooms, rooms."""
         first, names = SEEDS_A_RUN * (self.seed + 1), PLACES
         places = [(HELD_OUT_SEED + k // len(names), names[k % len(names)]) for k in range(self.held_out)]
-        unseen = folder / "held-out"
+        unseen, number = folder / "held-out", HELD_OUT_ROOMS * -(-self.held_out // len(names)) if self.rich else 0
+        rooms = [(HELD_OUT_SEED + k, meeting_room.NAME) for k in range(number)]
         return {
             "data": scene_tasks(folder / "data", self.scenes, first, {"moments": self.moments}, self.rich),
             "calibration": scene_tasks(folder / "calibration", self.calibration, first + CALIBRATION_SEEDS, JUDGED, self.rich),
             "held-out": [SceneTask(unseen / f"{world}-{seed}", seed, world, **JUDGED, plain=True, rich=False) for seed, world in places],
+            "rooms": [SceneTask(unseen / f"{world}-{seed}", seed, world, **JUDGED, plain=False, rich=True) for seed, world in rooms],
         }
 
 
@@ -137,7 +150,7 @@ def _trained(plan: TrainingPlan, folder: Path, tasks: dict[str, list[SceneTask]]
     from sim.training.onnx_model import describe, export
     from sim.training.optimization import optimize
 
-    network = optimize(sampler, plan.steps, folder, max(1, plan.workers - 1))
+    network = optimize(sampler, plan.steps, folder, plan.workers - 1, plan.start)
     bodies = sum(len(images.boxes) for images in (*sampler.panoramas, *sampler.pinholes))
     pictures = sum(len(images.colour) for images in (*sampler.panoramas, *sampler.pinholes))
     data = {"images": pictures, "bodies": bodies, **plan.order}
@@ -147,12 +160,18 @@ def _trained(plan: TrainingPlan, folder: Path, tasks: dict[str, list[SceneTask]]
     describe(model, UNCALIBRATED)
     detector = PersonDetector(model)
     calibration = calibrate([image for kind in (PANORAMAS, PINHOLES) for image in _found(detector, tasks["calibration"], kind)])
-    kinds = {kind: _found(detector, tasks["held-out"], kind) for kind in (PANORAMAS, PINHOLES)}
+    kinds = {title: _found(detector, own, kind) for title, (own, kind) in _judged(tasks).items()}
     result = _figures(kinds, calibration) | {"parameters": parameter_count(network), "data": data, "nms_iou": calibration.nms_iou}
-    _draw(folder, kinds, tasks["held-out"], calibration)
+    _draw(folder, kinds, _judged(tasks), calibration)
     describe(model, _entry(plan, calibration, data, result))
     write_text(folder / FIGURES, json.dumps(result, indent=1) + "\n")
     return result
+
+
+def _judged(tasks: dict[str, list[SceneTask]]) -> dict[str, tuple[list[SceneTask], str]]:
+    """Title of each part of the figures → its scenes and the kind of its images."""
+    parts = {"": tasks["held-out"], "room ": tasks["rooms"]}
+    return {f"{where}{kind}": (own, kind) for where, own in parts.items() for kind in (PANORAMAS, PINHOLES) if own}
 
 
 def _found(detector: PersonDetector, tasks: list[SceneTask], kind: str) -> list[FoundImage]:
@@ -161,26 +180,27 @@ def _found(detector: PersonDetector, tasks: list[SceneTask], kind: str) -> list[
 
 
 def _figures(kinds: dict[str, list[FoundImage]], calibration: Calibration) -> dict[str, Any]:
-    """By kind of image: average precisions and recalls, and mean and standard deviation of the feet's error over the height."""
+    """By title: average precisions and recalls, and mean and standard deviation of the feet's error over the height."""
     out: dict[str, Any] = {}
     for kind, images in kinds.items():
         feet = feet_errors(images, calibration.nms_iou)
         spread = {"feet, mean": float(feet.mean()), "feet, deviation": float(feet.std())} if len(feet) else {}
-        named = figures(images, calibration.nms_iou) | {name: round(value, 4) for name, value in spread.items()}
+        heights = HEIGHTS if kind in (PANORAMAS, PINHOLES) else HEIGHTS_INDOORS
+        named = figures(images, calibration.nms_iou, heights) | {name: round(value, 4) for name, value in spread.items()}
         # JSON has no NaN: figures without bodies are left out.
         out[kind] = {name: value for name, value in named.items() if np.isfinite(value)}
     return out
 
 
-def _entry(plan: TrainingPlan, calibration: Calibration, data: dict[str, int], result: dict[str, Any]) -> dict[str, Any]:
+def _entry(plan: TrainingPlan, calibration: Calibration, data: dict[str, int | str], result: dict[str, Any]) -> dict[str, Any]:
     """The metadata of the model."""
-    headline = {kind: result[kind].get("ap50") for kind in (PANORAMAS, PINHOLES)}
+    headline = {title: part.get("ap50") for title, part in result.items() if title.endswith((PANORAMAS, PINHOLES))}
     corners = [list(corner) for corner in calibration.corners]
     fixed = {"version": 1, "calibration": corners, "min_score": MIN_SCORE, "nms_iou": calibration.nms_iou}
     return fixed | {"seed": plan.seed, "data": data, "time": f"{plan.steps} steps", "figures": headline}
 
 
-def _draw(folder: Path, kinds: dict[str, list[FoundImage]], tasks: list[SceneTask], calibration: Calibration) -> None:
+def _draw(folder: Path, kinds: dict[str, list[FoundImage]], judged: dict[str, tuple[list[SceneTask], str]], calibration: Calibration) -> None:
     from sim.training.curves import draw_curves, draw_frames
     from sim.training.optimization import CHECKPOINT, TrainingState
 
@@ -188,10 +208,10 @@ def _draw(folder: Path, kinds: dict[str, list[FoundImage]], tasks: list[SceneTas
     known = (logits, probabilities, calibration.nms_iou)
     draw_curves(TrainingState.read(folder / CHECKPOINT, 0).rows, kinds, known, folder / CURVES)
     shown = []
-    for kind, images in kinds.items():
+    for title, images in kinds.items():
+        tasks, kind = judged[title]
         places = [(of, index) for task in tasks for of in [ImageSet.read(task.folder, kind)] for index in range(len(of.colour))]
         for k in np.unique(np.linspace(0, len(places) - 1, min(SHOWN_FRAMES // 2, len(places))).astype(int)).tolist():
             shown.append((*places[k], images[k]))
     if shown:
         draw_frames(shown, known, folder / FRAMES)
-

@@ -76,8 +76,9 @@ class PersonDetector:
         levels = search_levels(image.shape, _panorama(site.camera, image, wraps), site.above)
         peaks = self.peaks(image, levels, wraps, self.network.calibration.least_logit)
         found = FoundBoxes(peaks.box, self.network.calibration.probabilities(peaks.score), peaks.sigma)
-        found = found.select(found.score >= self.network.calibration.min_score)
-        found = _within(one_for_each(found, self.network.calibration.nms_iou, image.shape[1] if wraps else None), image, wraps)
+        # Boxes are cut off first: two boxes of one person may differ outside of the image alone.
+        found = within(found.select(found.score >= self.network.calibration.min_score), image, wraps)
+        found = one_for_each(found, self.network.calibration.nms_iou, image.shape[1] if wraps else None)
         if site.camera is None or site.pose is None or site.ground is None:
             return found
         return found.select(could_stand(found, site.camera, site.pose, site.ground))
@@ -99,8 +100,10 @@ class PersonDetector:
         """
         period = image.shape[1] if wraps else None
         finest = levels[0]
-        full = self._at_level(level_of(image, 0, wraps, finest.rows), finest.heights, min(least_logit, finest.reason), period)
-        out = [self._at_level(level_of(image, one.halvings, wraps, one.rows), one.heights, least_logit, period) for one in levels[1:]]
+        rows = len(image)
+        full = finest.in_band(self._at_level(level_of(image, 0, wraps, finest.rows), finest.heights, min(least_logit, finest.reason), period), rows)
+        coarse = {one: self._at_level(level_of(image, one.halvings, wraps, one.rows), one.heights, least_logit, period) for one in levels[1:]}
+        out = [level.in_band(found, rows) for level, found in coarse.items()]
         small = full.select((full.height < finest.magnified) & (full.score >= finest.reason))
         for part in magnified_parts(small, image.shape, wraps):
             full = full.select(~((full.height < SHARED * finest.magnified) & part.holds(full)))
@@ -129,7 +132,7 @@ def _panorama(camera: Camera | None, image: Image, wraps: bool) -> PanoramicCame
     return Panorama(width, height) if camera is None and wraps and width == 2 * height else None
 
 
-def _within(found: FoundBoxes, image: NDArray[np.uint8], wraps: bool) -> FoundBoxes:
+def within(found: FoundBoxes, image: NDArray[np.uint8], wraps: bool) -> FoundBoxes:
     """The boxes with what lies outside the image cut off; those of which nothing is left are left out."""
     height, width = image.shape[:2]
     corners = np.concatenate([found.box[:, :2], found.box[:, :2] + found.box[:, 2:]], axis=1)

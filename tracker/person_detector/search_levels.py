@@ -14,6 +14,7 @@ import numpy as np
 from tracker.geometry import Array, Pose
 from tracker.geometry.ground import Ground
 from tracker.geometry.panoramas import Panorama, PanoramicCamera
+from tracker.person_detector.found_boxes import FoundBoxes
 from tracker.person_detector.network import MULTIPLE, STRIDE
 
 LEAST_ROWS = 256
@@ -29,6 +30,8 @@ POLES = 8
 """The upper and lower 1/POLES of a panorama are searched at the coarsest level alone: there, bodies are large and bent."""
 SHORT, TALL = 1.5, 2.1
 """m: people of SHORT and more are in the band of their level; nobody reaches above TALL."""
+BAND_SLACK = 0.03
+"""Share of the height of a box by which its edge may miss the end of a band."""
 DISTANCES = np.geomspace(0.5, 200.0, 240)
 """m: at which people may stand."""
 TILT = math.radians(6.0)
@@ -81,6 +84,13 @@ class SearchLevel:
     rows: tuple[int, int]
     magnified: float = 0.0
     reason: float = math.inf
+
+    def in_band(self, found: FoundBoxes, rows: int) -> FoundBoxes:
+        """The boxes that do not end where the band does, within an image of `rows` px: a taller person is seen in part there."""
+        top, bottom = found.box[:, 1], found.box[:, 1] + found.box[:, 3]
+        slack = STRIDE / 2 * 2.0**self.halvings + BAND_SLACK * found.height
+        cut = (top < self.rows[0] + slack) & (self.rows[0] > 0) | (bottom > self.rows[1] - slack) & (self.rows[1] < rows)
+        return found.select(np.asarray(~cut))
 
 
 def search_levels(shape: tuple[int, ...], camera: PanoramicCamera | None = None, above: CameraHeight | None = None) -> list[SearchLevel]:

@@ -193,7 +193,7 @@ def litter_bin(rng: np.random.Generator) -> Piece:
     return Piece("bin", shape, (2 * r, 2 * r))
 
 
-STREET: tuple[Callable[[np.random.Generator], Piece], ...] = (cone, bollard, barrier, sign, coat_stand, litter_bin)
-"""Kinds of the first scenes for training."""
-MAKERS = (*STREET, tripod, clothes_heap, pram, poster, cardboard_figure)
+MAKERS: tuple[Callable[[np.random.Generator], Piece], ...] = (
+    cone, bollard, barrier, sign, coat_stand, litter_bin, tripod, clothes_heap, pram, poster, cardboard_figure,
+)  # fmt: skip
 """One function for each kind."""

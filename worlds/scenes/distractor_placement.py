@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from worlds.engine import mujoco
-from worlds.props.distractors import MAKERS, STREET
+from worlds.props.distractors import MAKERS
 from worlds.props.furniture import SEATINGS, SINK, Piece, single_chair
 from worlds.terrain.free_space import FEET, WHEELS, FreeSpace, largest_region
 from worlds.terrain.heightfield import Array, Mask
@@ -48,23 +48,21 @@ class _PartlyFurnished:
         return replace(self.world, spec=self.spec, feet=self.feet, wheels=self.wheels, seats=seats)
 
 
-def with_distractors(world: World, rng: np.random.Generator, count: int, street: bool = False) -> World:
+def with_distractors(world: World, rng: np.random.Generator, count: int) -> World:
     """The world with `count` distractors on the free space of feet; the same world for 0.
 
-    street: only the kinds of STREET, whose corners may be where feet cannot be. The scenes of the first training are made so.
     Kinds follow each other in random order. The free spaces of feet and wheels are smaller by their footprints and stay connected.
     Raises ValueError where fewer than `count` fit.
     """
     if not count:
         return world
-    site, kinds = _PartlyFurnished.of(world), STREET if street else MAKERS
+    site = _PartlyFurnished.of(world)
     add_material(site.spec, MATERIAL, atlas(rng))
-    if not street:
-        add_material(site.spec, PICTURES, pictures(rng))
+    add_material(site.spec, PICTURES, pictures(rng))
     for number in range(count):
-        for _ in range(1 if street else PIECE_TRIES):
-            piece = kinds[int(rng.integers(len(kinds)))](rng)
-            found = next(_places(site, rng, piece, street), None)
+        for _ in range(PIECE_TRIES):
+            piece = MAKERS[int(rng.integers(len(MAKERS)))](rng)
+            found = next(_places(site, rng, piece), None)
             if found is not None:
                 break
         else:
@@ -104,18 +102,15 @@ def with_seats(world: World, rng: np.random.Generator, count: int) -> World:
     return site.ready(np.array(seats))
 
 
-def _places(site: _PartlyFurnished, rng: np.random.Generator, piece: Piece, loose: bool = False) -> Iterator[tuple[_PartlyFurnished, Array, float]]:
-    """Random places for a piece, at most TRIES of them: the site with less free space, position (3,) m and yaw rad.
-
-    loose: whether corners may be where feet cannot be.
-    """
+def _places(site: _PartlyFurnished, rng: np.random.Generator, piece: Piece) -> Iterator[tuple[_PartlyFurnished, Array, float]]:
+    """Random places for a piece, at most TRIES of them: the site with less free space, position (3,) m and yaw rad."""
     world = site.world
     for _ in range(TRIES):
         place, yaw = _draw(rng, site.feet), float(rng.uniform(-np.pi, np.pi))
         corners = piece.footprint(place, yaw)
         heights = world.terrain.height_at(np.concatenate([corners, [place]]))
         # Corners that are free keep wide pieces out of walls and of each other.
-        if not (loose or site.feet.free_at(corners).all()) or np.ptp(heights) > LEVEL or _near_spawn(world.spawn, corners):
+        if not site.feet.free_at(corners).all() or np.ptp(heights) > LEVEL or _near_spawn(world.spawn, corners):
             continue
         feet, wheels = _without(site.feet, corners, FEET.half_width), _without(site.wheels, corners, WHEELS.half_width)
         if feet is not None and wheels is not None:

@@ -6,7 +6,7 @@ from sim.pedestrian import gait, leg_kinematics, skeleton
 from sim.pedestrian.foot_contact import ANKLE, HEEL, PIVOT
 from sim.pedestrian.gait import Bodies, Footing
 from sim.pedestrian.leg_kinematics import SHIN, THIGH
-from sim.pedestrian.skeleton import HIP_ABOVE_SEAT, LIMBS, sitting_poses, trunk_size, with_sitters
+from sim.pedestrian.skeleton import HIP_ABOVE_SEAT, LIMBS, SittingManner, sitting_poses, trunk_size, with_sitters
 from tracker.geometry import rotation_z
 from tracker.types import KEYPOINT_NAMES
 from worlds.terrain.heightfield import Heightfield
@@ -229,3 +229,15 @@ def test_only_sitters_change() -> None:
     both = with_sitters(standing, np.array([1, 3]), sitting_poses(SIZES[[1, 3]], SEATS[[1, 3]], ground))
     np.testing.assert_array_equal(both.joints[[0, 2, 4]], standing.joints[[0, 2, 4]])
     assert (both.joints[[1, 3], 0, 2] < standing.joints[[1, 3], 0, 2] - 0.1).all()
+
+
+def test_another_manner_moves_the_upper_body_alone() -> None:
+    ground = Heightfield.flat([[-3, -3], [9, 9]], 0.1)
+    usual, again = sitting_poses(SIZES, SEATS, ground), sitting_poses(SIZES, SEATS, ground, SittingManner.usual(5))
+    np.testing.assert_array_equal(usual.joints, again.joints)
+    other = sitting_poses(SIZES, SEATS, ground, SittingManner.drawn(5, np.random.default_rng(0)))
+    lower = [k for k, name in enumerate(KEYPOINT_NAMES) if name.split("_")[-1] in ("hip", "knee", "ankle")]
+    np.testing.assert_allclose(other.joints[:, lower], usual.joints[:, lower], atol=1e-9)
+    moved = np.linalg.norm(other.joints - usual.joints, axis=2)[:, [k for k in range(17) if k not in lower]]
+    assert moved.max() > 0.1
+    assert (other.joints[:, 0, 2] > SEATS[:, 2] + 0.25).all()

@@ -64,11 +64,40 @@ def test_targets_give_the_box_back():
 
 def test_hidden_bodies_are_ignored_and_invisible_ones_are_background():
     boxes = np.array([[40.0, 30.0, 72.0, 130.0]])
-    hidden, invisible = (targets_of(boxes, np.array([share]), np.zeros(1, bool), 256) for share in (0.2, 0.0))
+    whole, half, hidden, invisible = (targets_of(boxes, np.array([share]), np.zeros(1, bool), 256) for share in (1.0, 0.2, 0.05, 0.0))
+    assert whole.weight.max() == 1
+    assert 0.3 < half.weight.max() < 0.6
     assert not hidden.heat.any()
     assert (hidden.counted == 0).any()
     assert not invisible.heat.any()
     assert invisible.counted.all()
+
+
+def test_bodies_whose_middle_is_outside_have_the_box_of_their_part_inside():
+    boxes = np.array([[100.0, 200.0, 140.0, 330.0], [-30.0, 40.0, 4.0, 140.0]])
+    made = targets_of(boxes, np.ones(2), np.zeros(2, bool), 256)
+    ((row, column),) = np.argwhere(made.heat[0] == 1)
+    centre = (np.array([column, row]) + 0.5) * STRIDE
+    edges = made.edges[:, row, column]
+    np.testing.assert_allclose(np.concatenate([centre - edges[:2], centre + edges[2:]]), [100, 200, 140, 256], atol=1e-4)
+    # Of the other one too little is inside.
+    assert (made.counted[0, 11:35, 0] == 0).all()
+
+
+def test_what_hides_a_part_lowers_the_visible_share_and_screens_are_behind():
+    sampler, rng = CropSampler([], [_images(320, 240, [(140, 80, 180, 180)])], 0), np.random.default_rng(3)
+    shares = []
+    for _ in range(40):
+        crop = sampler._crop(rng, 256, (100.0, 101.0))
+        pixels = np.count_nonzero(crop.instances == 1)
+        sampler._paste_screen(crop, rng)
+        assert np.count_nonzero(crop.instances == 1) == pixels
+        sampler._hide(crop, rng)
+        shares.append(crop.visible[0])
+        assert crop.visible[0] == pytest.approx(np.count_nonzero(crop.instances == 1) / pixels)
+        assert crop.visible_here()[0] <= crop.visible[0]
+    assert 0.2 < np.mean(shares) < 0.8
+    assert min(shares) < 0.4
 
 
 def test_what_is_pasted_in_front_hides():

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.training.evaluation import FoundImage, Range, corners, judged
+from sim.training.evaluation import HEIGHTS, SEEN, FoundImage, corners, judged
 from sim.training.targets import targets_of
-from tracker.metrics.box_detection import average_precision, box_overlaps
+from tracker.metrics.box_detection import WantedBodies, average_precision, box_overlaps
 from tracker.person_detector.found_boxes import FoundBoxes, peaks_of
 from tracker.person_detector.pixels import Level
 
@@ -40,7 +40,7 @@ def test_average_precision_of_a_drawn_table():
     """Boxes in the order hit, miss, hit, and three bodies: precision 1 up to recall 1/3, then 2/3 up to 2/3, then 0."""
     bodies = [(0, 0, 20, 40), (50, 0, 70, 40), (100, 0, 120, 40)]
     boxes = [(0, 0, 20, 40), (200, 0, 220, 40), (50, 0, 70, 40)]
-    logits, hits, count = judged([_image(boxes, [3, 2, 1], bodies, [1, 1, 1])], Range(), 0.5)
+    logits, hits, count = judged([_image(boxes, [3, 2, 1], bodies, [1, 1, 1])], WantedBodies(HEIGHTS, SEEN), 0.5)
     assert hits[np.argsort(-logits)].tolist() == [True, False, True]
     # 34 of the 101 recalls are at most 1/3, the next 33 at most 2/3.
     np.testing.assert_allclose(average_precision(logits, hits, count), (34 + 33 * 2 / 3) / 101)
@@ -48,7 +48,7 @@ def test_average_precision_of_a_drawn_table():
 
 def test_hidden_bodies_count_neither_way():
     bodies = [(0, 0, 20, 40), (50, 0, 70, 40)]
-    logits, hits, count = judged([_image(bodies, [3, 2], bodies, [1, 0.4])], Range(), 0.5)
+    logits, hits, count = judged([_image(bodies, [3, 2], bodies, [1, 0.4])], WantedBodies(HEIGHTS, SEEN), 0.5)
     assert (len(logits), hits.all(), count) == (1, True, 1)
 
 

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from sim.cli.train_detector import TrainDetector
+from sim.training.scene_rendering import ROOMS
 from sim.training.training import FIGURES, MODEL, TrainingPlan, check_needed, train_detector
+from worlds.scenes import meeting_room
 
 torch = pytest.importorskip("torch", reason="needs torch (make rl)")
 pytest.importorskip("onnx", reason="needs onnx (make rl)")
@@ -53,6 +55,27 @@ def test_the_command_has_the_defaults_of_a_plan():
     assert TrainingPlan(**{field.name: getattr(command, field.name) for field in dataclasses.fields(TrainingPlan)}) == TrainingPlan()
 
 
+def test_a_network_takes_the_weights_of_a_model():
+    from sim.training.network import PersonNetwork
+    from sim.training.onnx_model import take_weights
+    from tracker.person_detector.network import PersonNetwork as Model
+
+    pictures = np.random.default_rng(0).integers(0, 256, (3, 96, 96, 3), np.uint8)
+    model, network = Model(), PersonNetwork()
+    take_weights(network, model.path, [pictures, pictures[::-1].copy()])
+    image = pictures[:1].transpose(0, 3, 1, 2).astype(np.float32) / np.float32(255)
+    with torch.no_grad():
+        # With the statistics that were taken, and with those of the batch, as in training.
+        alone, among = (
+            network.eval()(torch.from_numpy(image)),
+            network.train()(torch.from_numpy(pictures.transpose(0, 3, 1, 2).astype(np.float32) / 255)),
+        )
+    said = model(image)
+    for k, name in enumerate(("scores", "edges")):
+        for outputs in (alone, among):
+            assert np.corrcoef(outputs[k][0].numpy().ravel(), said[name].ravel())[0, 1] > 0.97
+
+
 @pytest.mark.soak
 def test_whole_training_in_small(tmp_path):
     """Data, training, export, calibration and scores; an interrupted training continues to the same model; another plan is refused."""
@@ -72,13 +95,20 @@ def test_whole_training_in_small(tmp_path):
     assert (tmp_path / MODEL).read_bytes() == model
     with pytest.raises(ValueError, match="another training"):
         train_detector(dataclasses.replace(plan, steps=3), tmp_path)
+    for name in (FIGURES, "checkpoint.pt", "order.json"):
+        (tmp_path / name).unlink()
+    (tmp_path / MODEL).rename(tmp_path.with_suffix(".onnx"))
+    assert "ap50" in train_detector(dataclasses.replace(plan, start=tmp_path.with_suffix(".onnx"), workers=1), tmp_path)["room panorama"]
 
 
 def test_scenes_are_rich_unless_told_otherwise(tmp_path: Path) -> None:
     plain, rich = TrainingPlan(rich=False), TrainingPlan()
     assert "rich" not in plain.order
-    assert rich.order == plain.order | {"rich": True}
+    assert rich.order == plain.order | {"rich": True, "rooms": ROOMS}
     tasks, others = plain.tasks(tmp_path), rich.tasks(tmp_path)
     assert not any(task.rich for some in tasks.values() for task in some)
     assert all(task.rich for task in others["data"] + others["calibration"])
     assert tasks["held-out"] == others["held-out"]
+    assert not tasks["rooms"]
+    assert {task.world for task in others["rooms"]} == {meeting_room.NAME}
+    assert not {task.seed for task in others["rooms"]} & {task.seed for task in others["data"] + others["calibration"]}

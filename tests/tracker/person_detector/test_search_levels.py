@@ -14,6 +14,7 @@ from tracker.geometry import Pose
 from tracker.geometry.cameras import Cylinder, Panorama
 from tracker.geometry.ground import Flat, Grid
 from tracker.person_detector.detector import CameraPlace, PersonDetector
+from tracker.person_detector.found_boxes import FoundBoxes
 from tracker.person_detector.network import MULTIPLE
 from tracker.person_detector.search_levels import TILT, CameraHeight, SearchLevel, search_levels
 
@@ -46,7 +47,10 @@ def test_every_body_is_whole_in_a_level_for_its_height(width: int, height: int) 
         found = np.zeros(n, dtype=bool)
         for level in levels:
             of_height = (bottom - top >= level.heights[0]) & (bottom - top < level.heights[1])
-            found |= of_height & (top >= level.rows[0]) & (bottom <= level.rows[1])
+            row = np.arange(float(n))
+            boxes = FoundBoxes(np.stack([row, top, np.ones(n), bottom - top], axis=1), np.ones(n))
+            kept = np.isin(row, level.in_band(boxes, camera.height).box[:, 0])
+            found |= of_height & (top >= level.rows[0]) & (bottom <= level.rows[1]) & kept
         assert found[foot > -1.1].mean() > 0.98
         assert found[distance > max(3.0, height)].all()
 
