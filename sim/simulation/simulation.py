@@ -242,7 +242,8 @@ class Simulation:
         """Let all who sit take another posture on their seats. It lasts until the next change."""
         if len(sitters := self._postures.sitters):
             manner = SittingManner.drawn(len(sitters), rng)
-            self._seated, self._posed = sitting_poses(self.stature[sitters], self._postures.seat, self.world.terrain, manner), False
+            self._seated: skeleton.Poses | None = sitting_poses(self.stature[sitters], self._postures.seat, self.world.terrain, manner)
+            self._posed = False
 
     @property
     def sitting(self) -> Ints | None:
@@ -441,7 +442,7 @@ class Simulation:
         state = self._crowd_state
         known = self._crowd.postures if isinstance(self._crowd, Crowd) else None
         self._postures = known or Postures.none(len(people))
-        self._seated: skeleton.Poses | None = None
+        self._seated = None
         if len(sitters := self._postures.sitters):
             self._seated = sitting_poses(self.stature[sitters], self._postures.seat, self.world.terrain)
         self._holders = np.setdiff1d(self._with_umbrella, sitters)
