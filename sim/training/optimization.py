@@ -65,7 +65,7 @@ def generalized_iou(a: Tensor, b: Tensor) -> Tensor:
     return (common / union - (hull - union) / hull)[:, None]
 
 
-RATE, TUNING_RATE, WARM_UP, DECAY = 2e-3, 4e-4, 200, 0.02
+RATE, TUNING_RATE, WARM_UP, DECAY = 2e-3, 8e-4, 200, 0.02
 """Largest learning rate from the start and of a trained model, steps until it is reached, and weight decay."""
 START_BATCHES = 12
 """Batches whose statistics normalize the channels of a trained model."""
