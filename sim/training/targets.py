@@ -23,7 +23,7 @@ LEAST_VISIBLE, HIDDEN = 0.1, 0.03
 WEIGHTS = (0.1, 0.5), (0.35, 1.0)
 """Visible shares, and the weights of bodies there: of whom little is seen, the whole body is partly a guess."""
 LEAST_INSIDE, CUT_WEIGHT = 0.2, 0.5
-"""Least share inside of the crop of the box of a body that is to be found, and the weight of bodies that a border cuts."""
+"""Least share of a body's box inside of the crop for it to be found, and the weight of bodies that a border cuts."""
 LEAST_HEIGHT = 11.0
 """px: smaller bodies are ignored."""
 
@@ -46,7 +46,7 @@ class Targets:
 def targets_of(boxes: Array, visible: Array, cut: Mask, size: int) -> Targets:
     """Targets for bodies with boxes (n, 4) px and visible shares (n,), cut (n,) by the border of their image, in a crop of `size` px.
 
-    A body whose middle lies outside of the crop has the box of its part inside, as the detector cuts off what is outside of an image.
+    A body whose middle lies outside of the crop has the box of its part inside. The detector cuts boxes at the border, too.
     """
     cells = size // STRIDE
     heat, counted = np.zeros((cells, cells), np.float32), np.ones((cells, cells), np.float32)

@@ -50,8 +50,8 @@ class TrainingPlan:
     """A training. seed: of all draws. scenes, moments: rendered scenes, and moments of each. steps: of the optimizer.
 
     calibration, held_out: number of scenes for the calibration and for the evaluation. workers: number of processes; it changes no result.
-    rich: whether scenes have people in groups, sitters, varied clothing and wet ground, never those of held_out;
-    and whether there are meeting rooms, among those of held_out, too. start: a model whose weights are the first ones, None for random ones.
+    rich: whether scenes have people in groups, sitters, varied clothing and wet ground, never those of held_out.
+    It also adds meeting rooms, to those of held_out, too. start: a model whose weights are the first ones, None for random ones.
     Raises ValueError for a number out of bounds.
     """
 

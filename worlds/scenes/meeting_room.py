@@ -1,7 +1,7 @@
 """Rooms in which people sit: meetings around a table, offices, canteens, bars, and rows of chairs before a screen.
 
 Windows are brighter than any camera can show, screens show people, and coats hang over chairs. The floor is level.
-They are for training the detector of people alone: rovers cannot get about in most of them, so that they are no world of the catalogue.
+They are for training the detector of people alone. Rovers cannot get about in most of them, so that they are not in the catalogue.
 """
 
 from __future__ import annotations
