@@ -19,7 +19,7 @@ class TrainDetector:
 
     Examples: pilsim train-detector --out runs/detector
               pilsim train-detector --scenes 200 --steps 40000 --seed 1 --out D
-              pilsim train-detector --start OLD.onnx --scenes 64 --steps 2200 --out D
+              pilsim train-detector --start OLD.onnx --scenes 128 --steps 10000 --out D
     """
 
     out: Out
@@ -41,7 +41,7 @@ class TrainDetector:
     rich: bool = True
     """Scenes have people in groups, people who sit, varied clothing and wet ground, too, and there are rooms with tables."""
     start: Annotated[Path | None, unset("MODEL.onnx", "random weights")] = None
-    """Model of an earlier training whose weights are the first ones; fewer scenes and steps do then."""
+    """Model of an earlier training whose weights are the first ones; the learning rate is lower then."""
     json: bool = False
     """Print JSON alone."""
 

@@ -102,8 +102,9 @@ class PersonDetector:
         finest = levels[0]
         rows = len(image)
         full = finest.in_band(self._at_level(level_of(image, 0, wraps, finest.rows), finest.heights, min(least_logit, finest.reason), period), rows)
-        coarse = {one: self._at_level(level_of(image, one.halvings, wraps, one.rows), one.heights, least_logit, period) for one in levels[1:]}
-        out = [level.in_band(found, rows) for level, found in coarse.items()]
+        out = []
+        for one in levels[1:]:
+            out.append(one.in_band(self._at_level(level_of(image, one.halvings, wraps, one.rows), one.heights, least_logit, period), rows))
         small = full.select((full.height < finest.magnified) & (full.score >= finest.reason))
         for part in magnified_parts(small, image.shape, wraps):
             full = full.select(~((full.height < SHARED * finest.magnified) & part.holds(full)))
