@@ -74,14 +74,14 @@ class FrontEnd:
         return feet, [self._viewpoint(f.camera, placed) for f in feet]
 
     def _ground_detections(self, view: View, placed: Placed) -> list[GroundDetections]:
-        feet = project_to_ground(self.setup, view.camera, view.detections, placed, self.fusion)
+        feet = replace(project_to_ground(self.setup, view.camera, view.detections, placed, self.fusion), later=view.later)
         if self._tracklets:
             feet = replace(feet, links=self._tracklets[view.camera].step(view.image, view.detections))
         silhouettes = self._silhouettes.get(view.camera)
         if view.image is None or silhouettes is None:
             return [self._with_appearance(feet, view, None)]
         found = silhouettes.step(view.image, view.detections, feet)
-        other = project_to_ground(self.setup, view.camera + SILHOUETTES, found, placed, self.fusion)
+        other = replace(project_to_ground(self.setup, view.camera + SILHOUETTES, found, placed, self.fusion), later=view.later)
         return [self._with_appearance(f, v, silhouettes.foreground) for f, v in ((feet, view), (other, replace(view, detections=found)))]
 
     def _with_appearance(self, feet: GroundDetections, view: View, foreground: Mask | None) -> GroundDetections:

@@ -60,6 +60,7 @@ class GroundDetections:
     ambiguous (n,): `ranges` leaves more than one distance (None where no box is); point and spread then cover all of them, and height
     is the mean stature.
     known: whether terrain and objects are known, so that upper edges measure statures.
+    later: s by which the view is later than its tick.
     links: log-likelihood ratios with the boxes of the last frames (optical_flow.KltTracklets.step), None where images are not used.
     appearance (n, d): unit vectors, NaN where unknown, or None. appearance_given: whether the detector gave them, else see front_end.appearances.
     """
@@ -80,6 +81,7 @@ class GroundDetections:
     ambiguous: Mask
     ranges: RangeLikelihood | None = None
     known: bool = False
+    later: float = 0.0
     links: tuple[Array, ...] | None = None
     appearance: Array | None = None
     appearance_given: bool = False
@@ -89,10 +91,10 @@ class GroundDetections:
 
     def select(self, rows: Mask) -> GroundDetections:
         """The boxes in `rows` (n,), without links and appearance."""
-        whole = ("camera", "origin", "ranges", "known", "links", "appearance", "appearance_given")
+        whole = ("camera", "origin", "ranges", "known", "later", "links", "appearance", "appearance_given")
         columns = {name: getattr(self, name)[rows] for name in GroundDetections.__dataclass_fields__ if name not in whole}
         ranges = None if self.ranges is None else self.ranges.select(rows)
-        return GroundDetections(self.camera, self.origin, **columns, known=self.known, ranges=ranges)
+        return GroundDetections(self.camera, self.origin, **columns, known=self.known, later=self.later, ranges=ranges)
 
 
 def project_to_ground(setup: Setup, camera: str, detections: Detections, pose: tuple[Pose, Array], parameters: FusionParameters) -> GroundDetections:

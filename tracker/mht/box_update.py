@@ -19,6 +19,10 @@ MEASURED = (0, 1, 4)
 """Columns of a state that an upper edge measures: place and stature."""
 
 
+PREDICTED = 22
+"""Numbers of `predict_measurement`."""
+
+
 class HeadMeasurement(NamedTuple):
     """The upper edge of a box: m above a stature, its negative derivative H (3,) by place and stature, noise and variance of the innovation m²."""
 
@@ -32,15 +36,17 @@ class HeadMeasurement(NamedTuple):
 
 
 @njit(cache=True)
-def predict_measurement(x: Array, i: int, parents: Any, origin: Array, out: Array) -> None:
-    """Predicted direction from `origin` to the feet of a person at x, a partial child of leaf i.
+def predict_measurement(x: Array, i: int, parents: Any, v: int, boxes: Any, out: Array) -> None:
+    """Predicted direction from view v to the feet of a person at x, a partial child of leaf i, at the time of the view.
 
-    out[0:3] direction; [3:6], [6:9] basis of its tangent plane; [9:13] H row by row; [13] distance m; [14] horizontal distance m;
-    [15] rad that a body reaches up; [16] height m of the ground; [17:19] its slope; [19:21] x.
+    out[0:3] direction; [3:6], [6:9] basis of its tangent plane; [9:13] H row by row. [13] distance m; [14] horizontal distance m;
+    [15] rad that a body reaches up; [16] height m of the ground; [17:19] its slope; [19:21] the place m.
+    [21] s from the tick to the view.
     """
-    slope, place = parents.slope[i], parents.state[i]
-    z = parents.z[i] + slope[0] * (x[0] - place[0]) + slope[1] * (x[1] - place[1])
-    sx, sy, sz = x[0] - origin[0], x[1] - origin[1], z - origin[2]
+    slope, place, origin, later = parents.slope[i], parents.state[i], boxes.origin[v], boxes.later[v]
+    px, py = x[0] + later * x[2], x[1] + later * x[3]
+    z = parents.z[i] + slope[0] * (px - place[0]) + slope[1] * (py - place[1])
+    sx, sy, sz = px - origin[0], py - origin[1], z - origin[2]
     d = max(math.sqrt(sx * sx + sy * sy + sz * sz), 0.2)
     ex, ey, ez = sx / d, sy / d, sz / d
     across = max(math.hypot(ex, ey), 1e-9)
@@ -52,13 +58,16 @@ def predict_measurement(x: Array, i: int, parents: Any, origin: Array, out: Arra
     out[9], out[10] = ax / d, ay / d
     out[11], out[12] = (ux + uz * slope[0]) / d, (uy + uz * slope[1]) / d
     out[13], out[14], out[15] = d, math.hypot(sx, sy), math.atan2(1.2, d)
-    out[16], out[17], out[18], out[19], out[20] = z, slope[0], slope[1], x[0], x[1]
+    out[16], out[17], out[18], out[19], out[20], out[21] = z, slope[0], slope[1], px, py, later
 
 
 @njit(cache=True)
 def innovation_covariance(predicted: Array, P: Array, spread: float) -> tuple[float, float, float]:
-    """H (P + spread² I) Hᵀ as its entries 00, 01, 11."""
-    p, q, r = P[0, 0] + spread * spread, P[0, 1], P[1, 1] + spread * spread
+    """H (P + spread² I) Hᵀ as its entries 00, 01, 11; P of the place at the time of the view."""
+    t = predicted[21]
+    p = P[0, 0] + t * (2 * P[0, 2] + t * P[2, 2]) + spread * spread
+    q = P[0, 1] + t * (P[0, 3] + P[1, 2] + t * P[2, 3])
+    r = P[1, 1] + t * (2 * P[1, 3] + t * P[3, 3]) + spread * spread
     a, b, c, d = predicted[9], predicted[10], predicted[11], predicted[12]
     return a * a * p + 2 * a * b * q + b * b * r, a * c * p + (a * d + b * c) * q + b * d * r, c * c * p + 2 * c * d * q + d * d * r
 
@@ -133,8 +142,8 @@ def head_of(predicted: Array, x: Array, P: Array, v: int, d: int, boxes: Any) ->
     """The upper edge of box d of view v as a measurement of x."""
     origin, slope, away = boxes.origin[v], boxes.head_slope[d], max(predicted[14], 1e-9)
     H = np.empty(3)
-    H[0] = predicted[17] - (x[0] - origin[0]) / away * slope
-    H[1] = predicted[18] - (x[1] - origin[1]) / away * slope
+    H[0] = predicted[17] - (predicted[19] - origin[0]) / away * slope
+    H[1] = predicted[18] - (predicted[20] - origin[1]) / away * slope
     H[2] = 1.0
     noise = boxes.covariance[d, 1, 1] * predicted[13] ** 2 + boxes.ranges.head_sigma**2
     spread = noise
@@ -147,8 +156,8 @@ def head_of(predicted: Array, x: Array, P: Array, v: int, d: int, boxes: Any) ->
 @njit(cache=True)
 def update_child(k: int, i: int, v: int, d: int, parents: Any, boxes: Any, limits: Any, children: Any) -> None:
     """Update child k of leaf i by box d of view v, in place."""
-    predicted, x, P = np.empty(21), children.state[k], children.covariance[k]
-    predict_measurement(x, i, parents, boxes.origin[v], predicted)
+    predicted, x, P = np.empty(PREDICTED), children.state[k], children.covariance[k]
+    predict_measurement(x, i, parents, v, boxes, predicted)
     children.box[k, v] = d
     if boxes.ambiguous[d] >= 0:
         correct_range(x, P, v, d, boxes, limits)
@@ -172,7 +181,7 @@ def update_child(k: int, i: int, v: int, d: int, parents: Any, boxes: Any, limit
 def _kalman_update(x: Array, P: Array, predicted: Array, r: tuple[float, float], S: tuple[float, float, float], m: int) -> None:
     """The Kalman update of x (5,), P (5, 5) in place, by the first m components of the innovation r with covariance S, entries 00, 01, 11."""
     a, b, c, d = predicted[9], predicted[10], predicted[11], predicted[12]
-    old = P[:2].copy()
+    old = P[:2] + predicted[21] * P[2:4]
     det = S[0] * S[2] - S[1] * S[1]
     for i in range(5):
         p0 = a * old[0, i] + b * old[1, i]

@@ -16,7 +16,7 @@ import numpy as np
 
 from tracker.geometry import Array, Ints, Mask
 from tracker.geometry.compilation import njit
-from tracker.mht.box_update import log_likelihood, predict_measurement, update_child
+from tracker.mht.box_update import PREDICTED, log_likelihood, predict_measurement, update_child
 from tracker.mht.branching_data import BoxTable, BranchingConstants, ChildHypotheses, ParentHypotheses, empty_children
 
 MAX_GATED = 12
@@ -29,8 +29,8 @@ NARROW_BEAM = 2
 @njit(cache=True)
 def gate(v: int, i: int, parents: Any, boxes: Any, limits: Any, gated: Ints, ratios: Array) -> int:
     """Rows and log-likelihood ratios of the boxes of view v in the gate of the predicted leaf i, into `gated`, `ratios` (MAX_GATED,); how many."""
-    predicted, x, P = np.empty(21), parents.state[i], parents.covariance[i]
-    predict_measurement(x, i, parents, boxes.origin[v], predicted)
+    predicted, x, P = np.empty(PREDICTED), parents.state[i], parents.covariance[i]
+    predict_measurement(x, i, parents, v, boxes, predicted)
     found = 0
     for d in range(boxes.start[v], boxes.start[v + 1]):
         direction = boxes.direction[d]
@@ -57,8 +57,8 @@ def child_ratios(b: int, i: int, v: int, parents: Any, boxes: Any, limits: Any, 
     """
     if not (children.box[b] >= 0).any():
         return ratios
-    out, predicted = np.empty(MAX_GATED), np.empty(21)
-    predict_measurement(children.state[b], i, parents, boxes.origin[v], predicted)
+    out, predicted = np.empty(MAX_GATED), np.empty(PREDICTED)
+    predict_measurement(children.state[b], i, parents, v, boxes, predicted)
     for k, d in enumerate(gated):
         if d >= 0:
             out[k] = log_likelihood(predicted, children.state[b], children.covariance[b], v, d, boxes, limits) + parents.links[i, d]

@@ -76,7 +76,7 @@ class RangeTable(NamedTuple):
 class BoxTable(NamedTuple):
     """The D boxes of all V views in one table; those of view v are rows start[v] to start[v + 1].
 
-    Of the views: origin (V, 3) m; bias (V, 6), the registration bias about `centre` (2,) m as in RegistrationBias.of.
+    Of the views: origin (V, 3) m; later (V,) s after the tick; bias (V, 6), the registration bias about `centre` (2,) m as in RegistrationBias.of.
     Of the boxes: direction (D, 3) to the feet and covariance (D, 2, 2) rad²; feet_hidden (D,): probability that the box ends above the feet.
     head_slope (D,): tangent of the elevation of the upper edge.
     detection_ratio (D,): log of the detection rate over the density of false boxes a steradian. existence_ratio (D,): log-likelihood ratio of a
@@ -86,6 +86,7 @@ class BoxTable(NamedTuple):
     """
 
     origin: Array
+    later: Array
     bias: Array
     centre: Array
     start: Ints
@@ -111,7 +112,7 @@ class BoxTable(NamedTuple):
 
         start = np.cumsum([0, *(len(f) for f in views)])
         bias = np.array([sensors.registration_bias.of(f.camera) for f in views]).reshape(-1, 6)
-        origin = np.array([f.origin for f in views]).reshape(-1, 3)
+        origin, later = np.array([f.origin for f in views]).reshape(-1, 3), np.array([f.later for f in views])
         most = [np.log(sensors.detection(f.camera) / clutter) for f in views]
         on_ground = [sensors.log_ratio(f) for f in views]
         seen = [np.minimum(r - sensors.log_ground(f), m) for r, f, m in zip(on_ground, views, most, strict=True)]
@@ -119,8 +120,8 @@ class BoxTable(NamedTuple):
         weakness = np.concatenate([np.zeros(0), *(r.max(initial=-np.inf) - r for r in on_ground)])
         ambiguous, known = column("ambiguous", ()) > 0, np.repeat([f.known for f in views], np.diff(start))
         return BoxTable(
-            origin, bias, sensors.registration_bias.centre, start, column("direction", (3,)), column("covariance", (2, 2)), column("feet_hidden", ()),
-            np.tan(column("head_elevation", ())), ratio, np.minimum(existence, q.max_gain), weakness,
+            origin, later, bias, sensors.registration_bias.centre, start, column("direction", (3,)), column("covariance", (2, 2)),
+            column("feet_hidden", ()), np.tan(column("head_elevation", ())), ratio, np.minimum(existence, q.max_gain), weakness,
             column("cut", ()) > 0, known.astype(bool), np.where(ambiguous, np.cumsum(ambiguous) - 1, -1), RangeTable.of(views, q.fusion.statures),
         )  # fmt: skip
 

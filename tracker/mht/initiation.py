@@ -12,7 +12,7 @@ from tracker.detections.walkable_prior import WalkablePrior
 from tracker.geometry import Array
 from tracker.geometry.compilation import njit
 from tracker.geometry.ground import Ground
-from tracker.mht.box_update import head_of, predict_measurement, update_by_head
+from tracker.mht.box_update import PREDICTED, head_of, predict_measurement, update_by_head
 from tracker.mht.branching_data import Observation, ParentHypotheses
 from tracker.mht.track_trees import TrackHypotheses
 from tracker.tracks.tracks import Places, with_places
@@ -39,8 +39,8 @@ def with_statures(roots: TrackHypotheses, groups: list[CrossViewGroup], now: Obs
 @njit(cache=True)
 def _measure_stature(k: int, v: int, d: int, parents: Any, boxes: Any, limits: Any) -> None:
     """Update the root k, in place, by the upper edge of box d of view v."""
-    predicted, x, P = np.empty(21), parents.state[k], parents.covariance[k]
-    predict_measurement(x, k, parents, boxes.origin[v], predicted)
+    predicted, x, P = np.empty(PREDICTED), parents.state[k], parents.covariance[k]
+    predict_measurement(x, k, parents, v, boxes, predicted)
     head = head_of(predicted, x, P, v, d, boxes)
     if head.above * head.above < limits.gate**2 * head.spread:
         update_by_head(x, P, head, x.copy())

@@ -10,7 +10,7 @@ from scipy.optimize import linear_sum_assignment
 
 from tracker.geometry import Array, Ints, Mask
 from tracker.geometry.compilation import njit
-from tracker.mht.box_update import log_likelihood, predict_measurement, update_child
+from tracker.mht.box_update import PREDICTED, log_likelihood, predict_measurement, update_child
 from tracker.mht.branching import MAX_GATED, child_ratios, gate, view_order
 from tracker.mht.branching_data import BoxTable, BranchingConstants, ChildHypotheses, ParentHypotheses, empty_children
 
@@ -98,14 +98,14 @@ def _pairwise_ratios(v: int, rows: Ints, parents: Any, boxes: Any, limits: Any, 
 @njit(cache=True)
 def _update_all(v: int, box: Ints, parents: Any, boxes: Any, limits: Any, children: Any) -> None:
     """Update each partial child, in place, by its box (k,) of view v, −1 for a missed detection."""
-    predicted = np.empty(21)
+    predicted = np.empty(PREDICTED)
     for k in range(len(box)):
         i, d = children.parent[k], box[k]
         if d < 0:
             children.increment[k] += parents.missed[i, v]
             children.missed[k] += parents.missed[i, v]
             continue
-        predict_measurement(children.state[k], i, parents, boxes.origin[v], predicted)
+        predict_measurement(children.state[k], i, parents, v, boxes, predicted)
         ratio = log_likelihood(predicted, children.state[k], children.covariance[k], v, d, boxes, limits)
         children.increment[k] += ratio + parents.links[i, d]
         update_child(k, i, v, d, parents, boxes, limits, children)

@@ -43,9 +43,11 @@ def _across(x: Array, P: Array, v: int, d: int, boxes: Any, spread: float, out: 
     level = math.hypot(direction[0], direction[1])
     ux, uy = direction[0] / level, direction[1] / level
     wx, wy = -uy, ux
-    bias, bx, by = boxes.bias[v], x[0] - boxes.centre[0], x[1] - boxes.centre[1]
-    px = x[0] + bias[0] + bias[2] * bx + bias[3] * by - origin[0]
-    py = x[1] + bias[1] + bias[4] * bx + bias[5] * by - origin[1]
+    later, bias = boxes.later[v], boxes.bias[v]
+    x0, x1 = x[0] + later * x[2], x[1] + later * x[3]
+    bx, by = x0 - boxes.centre[0], x1 - boxes.centre[1]
+    px = x0 + bias[0] + bias[2] * bx + bias[3] * by - origin[0]
+    py = x1 + bias[1] + bias[4] * bx + bias[5] * by - origin[1]
     distance, cross = px * ux + py * uy, px * wx + py * wy
     c0, c1, c4 = P[0, 0] * wx + P[0, 1] * wy, P[1, 0] * wx + P[1, 1] * wy, P[4, 0] * wx + P[4, 1] * wy
     variance = c0 * wx + c1 * wy + boxes.covariance[d, 0, 0] * distance * distance + spread * spread

@@ -1,4 +1,4 @@
-"""When the frames of cameras were taken, and the ticks that follow: a tick is a time with the views of that time.
+"""When the frames of cameras were taken, and the ticks that follow: a tick is a time with the views of about that time.
 
 A camera has its own rate, offset or stamps; one without is in step with the frames of the recording. Those have the rate of the recording, and truth,
 odometry and results are theirs. Where cameras on robots have stamps, or all cameras have the same ones, frames are at these times instead.
@@ -24,6 +24,11 @@ FILE = "times.csv"
 COLUMNS = {"camera": str, "frame": int, "time_s": float}
 TOGETHER = 0.01
 """s: views so near in time are one tick. People walk 2 cm meanwhile, less than any box errs."""
+NEAR = 0.15
+"""s: the nearest view of a fixed camera so near to a frame is in its tick. People are predicted to the time of the view.
+
+Walking people start and turn within some 0.5 s. Views of one tick are associated with each other, which those of two ticks are not.
+"""
 LONGEST = 1e7
 """s: times are at most so large."""
 
@@ -81,12 +86,13 @@ SAME = 0.02
 
 
 class TickViews(NamedTuple):
-    """What a tick holds: time s, frame (the index of Tick) and `reported`, and camera → its own frame."""
+    """What a tick holds: time s, frame (the index of Tick) and `reported`; camera → its own frame, and s by which it is later than the tick."""
 
     time: float
     frame: int
     reported: bool
     frames: dict[str, int]
+    later: dict[str, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,20 +136,20 @@ class Schedule:
 
     def ticks(self) -> list[TickViews]:
         """All ticks in order. Views of one camera are never in one tick, nor are two frames."""
-        end = float(self.times[-1]) + TOGETHER + 1e-9 if self.frames else 0.0
-        events: list[tuple[float, str, int]] = [(float(time), "", k) for k, time in enumerate(self.times)]
+        events: list[Event] = [Event(float(time), "", k) for k, time in enumerate(self.times)]
         for name, on_robot in self.robots.items():
             clock = self.clocks.get(name)
             if clock is None:
-                events += [(float(time), name, k) for k, time in enumerate(self.times)]
+                events += [event._replace(camera=name) for event in events[: self.frames]]
+            elif on_robot:
+                events += [Event(clock.time(f, self.rate), name, f) for f in clock.frames(self.end, self.rate) if f < self.frames]
             else:
-                frames = [frame for frame in clock.frames(end, self.rate) if not on_robot or frame < self.frames]
-                events += [(clock.time(frame, self.rate), name, frame) for frame in frames]
+                events += self._views(name, clock)
         order = {name: k for k, name in enumerate(("", *self.robots))}
-        events.sort(key=lambda event: (event[0], order[event[1]]))
-        groups: list[list[tuple[float, str, int]]] = []
+        events.sort(key=lambda event: (event.time, order[event.camera]))
+        groups: list[list[Event]] = []
         for event in events:
-            if groups and event[0] - groups[-1][0][0] <= TOGETHER and all(other[1] != event[1] for other in groups[-1]):
+            if groups and event.time - groups[-1][0].time <= TOGETHER and all(_may_share(event, other) for other in groups[-1]):
                 groups[-1].append(event)
             else:
                 groups.append([event])
@@ -152,15 +158,70 @@ class Schedule:
             out.append(self._tick(group, out[-1].frame + out[-1].reported if out else 0))
         return out
 
-    def _tick(self, group: list[tuple[float, str, int]], following: int) -> TickViews:
+    @property
+    def near(self) -> float:
+        """s from a frame within which the views of fixed cameras may be in its tick."""
+        return max(min(NEAR, 0.5 / self.rate), TOGETHER)
+
+    @property
+    def end(self) -> float:
+        """s before which the views of the last tick are."""
+        return float(self.times[-1]) + self.near + 1e-9 if self.frames else 0.0
+
+    def nearest(self, name: str, within: float) -> dict[int, tuple[int, float]]:
+        """Own frame of a camera with a clock → the frame of the recording that has no nearer one, and s from there to it.
+
+        Frames that are farther than `within` s from any frame of the recording are left out.
+        """
+        found = dict[int, tuple[int, float]]()
+        if not self.frames:
+            return found
+        own = list(self.clocks[name].frames(float(self.times[-1]) + within + 1e-9, self.rate))
+        times = np.array([self.clocks[name].time(frame, self.rate) for frame in own])
+        for frame, time, k in zip(own, times, np.searchsorted((self.times[1:] + self.times[:-1]) / 2, times).tolist(), strict=True):
+            apart = float(time - self.times[k])
+            if abs(apart) <= within and abs(apart) < abs(found.get(k, (0, np.inf))[1]):
+                found[k] = frame, apart
+        return {frame: (k, apart) for k, (frame, apart) in found.items()}
+
+    def _views(self, name: str, clock: CameraClock) -> Iterable[Event]:
+        """The views of a fixed camera, those in the ticks of frames and those between frames."""
+        at = self.nearest(name, self.near)
+        for frame in clock.frames(self.end, self.rate):
+            time = clock.time(frame, self.rate)
+            if frame in at:
+                k, apart = at[frame]
+                yield Event(float(self.times[k]), name, frame, round(apart, 6))
+            elif time < self.times[-1]:
+                yield Event(time, name, frame, between=True)
+
+    def _tick(self, group: list[Event], following: int) -> TickViews:
         """following: the first frame that is not reported yet."""
-        frame = next(((time, k) for time, name, k in group if not name), None)
-        seen = {name: k for _, name, k in group if name}
-        frames = {name: seen[name] for name in self.robots if name in seen}
-        if frame is not None:
-            return TickViews(frame[0], frame[1], True, frames)
+        of = {event.camera: event for event in group}
+        seen = {name: of[name] for name in self.robots if name in of}
+        frames, later = {name: event.frame for name, event in seen.items()}, {name: event.later for name, event in seen.items() if event.later}
+        if "" in of:
+            return TickViews(of[""].time, of[""].frame, True, frames, later)
         on_robot = [k for name, k in frames.items() if self.robots[name]]
-        return TickViews(group[0][0], max([following, *on_robot]), False, frames)
+        return TickViews(group[0].time, max([following, *on_robot]), False, frames, later)
+
+
+class Event(NamedTuple):
+    """A view of a camera, or a frame of the recording, whose `camera` is "".
+
+    time: s of the tick; later: s from it to the view. between: whether it is in no tick of a frame.
+    """
+
+    time: float
+    camera: str
+    frame: int
+    later: float = 0.0
+    between: bool = False
+
+
+def _may_share(event: Event, other: Event) -> bool:
+    """Whether two may be in one tick."""
+    return event.camera != other.camera and not ("" in (event.camera, other.camera) and (event.between or other.between))
 
 
 def read_times(file: Path, cameras: Iterable[str]) -> dict[str, CameraClock]:

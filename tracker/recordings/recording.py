@@ -253,20 +253,13 @@ class Recording:
 
     def _nearest(self, name: str) -> dict[int, int]:
         """Own frame of a camera → the frame of the recording within half a period of it that has no nearer one."""
-        clock, times = self.clocks[name], self.schedule.times
-        out: dict[int, tuple[float, int]] = {}
-        for frame in clock.frames(float(times[-1]) + 0.5 / self.rate, self.rate) if len(times) else ():
-            apart = np.abs(times - clock.time(frame, self.rate))
-            k = int(np.argmin(apart))
-            if apart[k] <= 0.5 / self.rate + TOGETHER and apart[k] < out.get(k, (np.inf, 0))[0]:
-                out[k] = float(apart[k]), frame
-        return {frame: k for k, (_, frame) in out.items()}
+        return {frame: k for frame, (k, _) in self.schedule.nearest(name, 0.5 / self.rate + TOGETHER).items()}
 
     def own_frames(self, name: str) -> Iterable[int]:
         """The frames of a camera up to the end of the recording, by its clock."""
         if name not in self.clocks or self.cameras[name].robot is not None or self._common_stamps or not self.frames:
             return range(self.frames)
-        return self.clocks[name].frames(float(self.schedule.times[-1]) + TOGETHER, self.rate)
+        return self.clocks[name].frames(self.schedule.end, self.rate)
 
     def truth_of(self, name: str) -> Mapping[int, tuple[Ints, Array]]:
         """Own frame of a camera → ids (k,) and places (k, 3) m of people at its time; between frames of the truth, of who is in both."""
@@ -403,7 +396,7 @@ class Recording:
         calibrated: as in setup. Raises ValueError where images are asked for and there are none.
         """
         setup = self.setup(calibrated)
-        planned = self.schedule.ticks() if self.clocks else (TickViews(k / self.rate, k, True, self._all(k)) for k in range(self.frames))
+        planned = self.schedule.ticks() if self.clocks else (TickViews(k / self.rate, k, True, self._all(k), {}) for k in range(self.frames))
         ticks: Ticks = TicksInMemory(tuple(self._tick(one) for one in planned), setup.mounts)
         wanted = {name: source for name, source in self.images.items() if images or self.cameras[name].robot is not None}
         if images and not wanted:
@@ -443,7 +436,7 @@ class Recording:
             if found is not None and len(detections) and index in (parts := self.visible_parts.get(name, {})):
                 detections = replace(detections, feet_seen=feet_seen(found[0], parts[index]))
             frame = index if self.clocks else None
-            views.append(View(name, detections, odometry=odometry, robot_detections=robots, frame=frame))
+            views.append(View(name, detections, odometry=odometry, robot_detections=robots, frame=frame, later=planned.later.get(name, 0.0)))
         return Tick(planned.frame, planned.time, tuple(views), planned.reported)
 
     def _truth(self) -> tuple[Truth, ...] | None:

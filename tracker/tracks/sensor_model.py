@@ -91,10 +91,11 @@ class SensorModel:
         return float((self.parameters.joint_misses * np.log(1 - detection)).min(initial=0.0))
 
     def corrected(self, feet: GroundDetections) -> GroundDetections:
-        """The detections with ground points corrected for the registration bias."""
+        """The detections with ground points corrected for the registration bias, and spread by how far people may walk until the tick."""
         point = feet.point.copy()
         point[:, :2] -= self.registration_bias.at(feet.camera, point[:, :2])
-        return replace(feet, point=point)
+        walked = feet.later * self.parameters.motion.start_speed
+        return replace(feet, point=point, spread=feet.spread + walked**2 * np.eye(2))
 
     def learn(self, now: TickOutcome) -> None:
         """Count the detections and missed detections of confirmed people in each view, and its other boxes."""

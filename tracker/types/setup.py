@@ -82,8 +82,8 @@ class Setup:
 
     @property
     def revisit(self) -> float:
-        """s in which every camera usually reports once: the longest period of a camera. Counts of missed detections are in this unit."""
-        return max((mount.period or self.period for mount in self.mounts.values()), default=self.period)
+        """s between views of the fastest camera, its usual period. Counts of missed detections are in this unit."""
+        return min((mount.period or self.period for mount in self.mounts.values()), default=self.period)
 
     def is_fixed(self, robot: str) -> bool:
         """Whether `robot` stands for a fixed camera: its start pose is known and has zero covariance."""

@@ -38,6 +38,7 @@ class View:
     odometry: that of the robot that carries the camera, or None. image (H, W, 3) uint8 RGB or None.
     robot_detections: None where no detector of robots runs. features: what was found in the image ahead of the SLAM filter, or None.
     frame: the camera's own number of the image from 0, None where it is the index of the tick.
+    later: s by which the view was taken after the time of the tick, negative for before. People are predicted to that time.
     """
 
     camera: str
@@ -48,11 +49,12 @@ class View:
     robot_detections: RobotDetections | None = None
     features: Sightings | None = None
     frame: int | None = None
+    later: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class Tick:
-    """The views of one time [s], one for each camera that reported then.
+    """The views of one time [s], one for each camera that reported then or shortly before or after.
 
     index: the frame from 0 that the tick leads to. reported: whether it is the last tick of that frame, after which its estimate is reported.
     Where all cameras are in step, each tick is a frame.

