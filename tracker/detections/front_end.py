@@ -70,18 +70,18 @@ class FrontEnd:
         """
         seen = [view for view in tick.views if self.setup.mounts[view.camera].robot in placed]
         found = self._map(lambda view: self._ground_detections(view, placed[self.setup.mounts[view.camera].robot]), seen)
-        feet = [boxes for view in found for boxes in view]
+        feet = [replace(boxes, later=view.later) for view, of_view in zip(seen, found, strict=True) for boxes in of_view]
         return feet, [self._viewpoint(f.camera, placed) for f in feet]
 
     def _ground_detections(self, view: View, placed: Placed) -> list[GroundDetections]:
-        feet = replace(project_to_ground(self.setup, view.camera, view.detections, placed, self.fusion), later=view.later)
+        feet = project_to_ground(self.setup, view.camera, view.detections, placed, self.fusion)
         if self._tracklets:
             feet = replace(feet, links=self._tracklets[view.camera].step(view.image, view.detections))
         silhouettes = self._silhouettes.get(view.camera)
         if view.image is None or silhouettes is None:
             return [self._with_appearance(feet, view, None)]
         found = silhouettes.step(view.image, view.detections, feet)
-        other = replace(project_to_ground(self.setup, view.camera + SILHOUETTES, found, placed, self.fusion), later=view.later)
+        other = project_to_ground(self.setup, view.camera + SILHOUETTES, found, placed, self.fusion)
         return [self._with_appearance(f, v, silhouettes.foreground) for f, v in ((feet, view), (other, replace(view, detections=found)))]
 
     def _with_appearance(self, feet: GroundDetections, view: View, foreground: Mask | None) -> GroundDetections:

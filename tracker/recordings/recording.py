@@ -225,7 +225,7 @@ class Recording:
             return self
         if self._common_stamps:
             return replace(self, clocks={})
-        number = {name: self._nearest(name) for name in self.clocks if self.cameras[name].robot is None}
+        number = {name: {f: k for f, (k, _) in self._nearest(name).items()} for name in self.clocks if self.cameras[name].robot is None}
 
         def moved(kind: str) -> dict[str, Any]:
             return {
@@ -248,12 +248,12 @@ class Recording:
 
     def apart(self, name: str) -> Array:
         """s by which the pictures of a camera are later than the frames of `in_step` that they are in."""
-        number = self._nearest(name) if name in self.clocks and not self._common_stamps else {}
-        return np.array([self.clocks[name].time(f, self.rate) - self.schedule.times[k] for f, k in number.items()])
+        nearest = self._nearest(name) if name in self.clocks and not self._common_stamps else {}
+        return np.array([apart for _, apart in nearest.values()])
 
-    def _nearest(self, name: str) -> dict[int, int]:
-        """Own frame of a camera → the frame of the recording within half a period of it that has no nearer one."""
-        return {frame: k for frame, (k, _) in self.schedule.nearest(name, 0.5 / self.rate + TOGETHER).items()}
+    def _nearest(self, name: str) -> dict[int, tuple[int, float]]:
+        """As Schedule.nearest, within half a period of the recording."""
+        return self.schedule.nearest(name, 0.5 / self.rate + TOGETHER)
 
     def own_frames(self, name: str) -> Iterable[int]:
         """The frames of a camera up to the end of the recording, by its clock."""

@@ -99,12 +99,21 @@ def test_tracking_real_people_with_images(data: Any) -> None:
     assert found["switches"] == 0
 
 
+def with_a_poor_detector(folder: Path, parameters: Parameters) -> dict[str, Any]:
+    """An old detector loses whom the sign hides; 400 frames."""
+    return scores(folder, 400, SourceOptions.parse((f"1={folder / 'mot15' / 'det.txt'}",)), parameters)
+
+
 @pytest.mark.soak
 def test_silhouettes_compensate_a_poor_detector(data: Any) -> None:
-    """An old detector loses whom the sign hides; 400 frames."""
     folder = data("pets2009/S2.L1")
-    poor = SourceOptions.parse((f"1={folder / 'mot15' / 'det.txt'}",))
-    seen, blind = (scores(folder, 400, poor, p) for p in (WITH_IMAGES, replace(WITH_IMAGES, images=ImageParameters())))
-    assert seen["mota"] > 0.92
-    assert seen["idf1"] > 0.93
+    seen, blind = (with_a_poor_detector(folder, p) for p in (WITH_IMAGES, replace(WITH_IMAGES, images=ImageParameters())))
     assert seen["mota"] > blind["mota"] + 0.05
+
+
+@pytest.mark.soak
+@pytest.mark.xfail(strict=True, reason="0.933 / 0.940 since false boxes have a firmer prior and detection rates are at most 0.9")
+def test_a_poor_detector_with_silhouettes_is_nearly_perfect(data: Any) -> None:
+    seen = with_a_poor_detector(data("pets2009/S2.L1"), WITH_IMAGES)
+    assert seen["mota"] > 0.945
+    assert seen["idf1"] > 0.96
