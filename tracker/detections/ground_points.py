@@ -118,7 +118,9 @@ def project_to_ground(setup: Setup, camera: str, detections: Detections, pose: t
     near, covered = _nearer_boxes(up - half, across, detections)
     if detections.feet_seen is not None:
         near, covered = near | ~detections.feet_seen, covered | ~detections.feet_seen
-    cut = ~mount.camera.pixels_from_bearings(bearing_from_angles(across, up - half - BELOW))[1]
+    cut, head_cut = (~mount.camera.pixels_from_bearings(bearing_from_angles(across, up + side * (half + BELOW)))[1] for side in (-1, 1))
+    # A box that is cut at both ends tells no distance.
+    head_cut &= ~cut
     feet_hidden = FEET_HIDDEN[np.where(cut, 2, covered + 0)]
     feet = GroundDetections(
         camera, origin, foot, covariance, point, spread, height, high, grounded, near | cut, cut, feet_hidden, detections.confidence,
@@ -126,29 +128,24 @@ def project_to_ground(setup: Setup, camera: str, detections: Detections, pose: t
     )  # fmt: skip
     if not len(feet):
         return feet
+    no_border = np.full(len(foot), -np.pi / 2)
+    edges = BoxEdges(azimuth, detections.extent[:, 0] / 2, low, high, covariance[:, 1, 1], feet_hidden, no_border, head_cut)
     if setup.occluders is None:
-        return _with_hidden_feet(feet, setup, (azimuth, detections.extent[:, 0] / 2, low), covered | cut, parameters)
+        return _with_hidden_feet(feet, setup, edges, covered | cut | head_cut, parameters)
     # What a detector says of the feet holds whatever the map explains.
     told = np.zeros(len(feet), dtype=bool) if detections.feet_seen is None else ~detections.feet_seen
-    feet_hidden = np.where(told, FEET_HIDDEN[1], FEET_HIDDEN_KNOWN[covered + 0])
-    edges = BoxEdges(azimuth, detections.extent[:, 0] / 2, low, high, covariance[:, 1, 1], feet_hidden)
+    edges = edges._replace(feet_hidden=np.where(told, FEET_HIDDEN[1], FEET_HIDDEN_KNOWN[covered + 0]), border=np.where(cut, low, no_border))
     ranges = infer_ranges((setup.ground, setup.occluders), origin, edges, parameters.ahead, parameters.statures)
-    return _with_ranges(feet, setup, ranges, azimuth, parameters)
+    return _with_ranges(feet, setup, ranges, edges, parameters)
 
 
-def _with_hidden_feet(
-    feet: GroundDetections, setup: Setup, box: tuple[Array, Array, Array], rows: Mask, parameters: FusionParameters
-) -> GroundDetections:
-    """The detections with those in `rows` (n,) ambiguous: where the feet may be hidden, the upper edge and usual statures tell the distance.
-
-    box: azimuth, half of the width, and elevation of the lower edge (n,), rad.
-    """
+def _with_hidden_feet(feet: GroundDetections, setup: Setup, edges: BoxEdges, rows: Mask, parameters: FusionParameters) -> GroundDetections:
+    """The detections with those in `rows` (n,) ambiguous: the edges that are visible, and usual statures, tell the distance."""
     if not rows.any():
         return feet
-    azimuth, half_width, low = (x[rows] for x in box)
-    edges = BoxEdges(azimuth, half_width, low, feet.head_elevation[rows], feet.covariance[rows, 1, 1], feet.feet_hidden[rows])
-    ranges = infer_ranges((setup.ground, setup.ground), feet.origin, edges, parameters.ahead, parameters.statures).spread_to(rows)
-    return _ambiguous(feet, setup, ranges, (box[0], ranges.possible), parameters)
+    some = BoxEdges._make(column[rows] for column in edges)
+    ranges = infer_ranges((setup.ground, setup.ground), feet.origin, some, parameters.ahead, parameters.statures).spread_to(rows)
+    return _ambiguous(feet, setup, ranges, (edges.azimuth, ranges.possible), parameters)
 
 
 def _under_body(setup: Setup, origin: Array, soles: Array, rays: tuple[Array, Mask], ahead: float) -> tuple[Array, Array]:
@@ -165,12 +162,12 @@ def _under_body(setup: Setup, origin: Array, soles: Array, rays: tuple[Array, Ma
     return np.where(grounded[:, None], point, soles), np.where(grounded[:, None], toward, direction)
 
 
-def _with_ranges(feet: GroundDetections, setup: Setup, ranges: RangeLikelihood, azimuth: Array, parameters: FusionParameters) -> GroundDetections:
+def _with_ranges(feet: GroundDetections, setup: Setup, ranges: RangeLikelihood, edges: BoxEdges, parameters: FusionParameters) -> GroundDetections:
     """The detections in a known world, with the ambiguous ones marked."""
-    along = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
+    along = np.stack([np.cos(edges.azimuth), np.sin(edges.azimuth)], axis=1)
     sigma = np.sqrt(np.einsum("ni,nij,nj->n", along, feet.spread, along))
-    ambiguous = ranges.possible & ~feet.cut & ((ranges.feet_hidden > AMBIGUOUS_FEET) | (ranges.sigma > AMBIGUOUS_RANGE * sigma) | ~feet.grounded)
-    return replace(_ambiguous(feet, setup, ranges, (azimuth, ambiguous), parameters), known=True)
+    uncertain = edges.head_cut | (ranges.feet_hidden > AMBIGUOUS_FEET) | (ranges.sigma > AMBIGUOUS_RANGE * sigma) | ~feet.grounded
+    return replace(_ambiguous(feet, setup, ranges, (edges.azimuth, ranges.possible & uncertain), parameters), known=True)
 
 
 def _ambiguous(

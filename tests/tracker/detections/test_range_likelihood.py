@@ -51,9 +51,12 @@ def box(ground: Grid, tops: Grid, eye: Array, feet: Array, stature: float) -> tu
     return float(elevation[seen.argmax()]), float(elevation[-1])
 
 
-def ranges_of(ground: Grid | Flat, tops: Grid | Flat, eye: Array, azimuth: Array, edges: tuple[Array, Array], lying: float = 0.0) -> RangeLikelihood:
+def ranges_of(
+    ground: Grid | Flat, tops: Grid | Flat, eye: Array, azimuth: Array, edges: tuple[Array, Array], border: float = -np.pi / 2, head_cut: bool = False
+) -> RangeLikelihood:
     n = len(azimuth)
-    return infer_ranges((ground, tops), eye, BoxEdges(azimuth, np.zeros(n), *edges, np.full(n, NOISE**2), np.full(n, lying)), 0.0, STATURES)
+    boxes = BoxEdges(azimuth, np.zeros(n), *edges, np.full(n, NOISE**2), np.zeros(n), np.full(n, border), np.full(n, head_cut))
+    return infer_ranges((ground, tops), eye, boxes, 0.0, STATURES)
 
 
 def test_distances_and_their_errors_are_consistent_on_rough_ground_and_behind_walls() -> None:
@@ -129,3 +132,25 @@ def test_a_person_under_an_arch_is_possible_though_the_map_has_only_its_top() ->
     tops[:, 125:127] = 3.0  # 5 m ahead: what the grid takes for a wall
     found = ranges_of(Flat(), grid(tops), np.array([0.0, 0.0, 1.5]), np.zeros(1), (np.arctan([-1.5 / 8.0]), np.arctan([0.22 / 8.0])))
     assert found.mean[0] == pytest.approx(8.0, abs=0.2)
+
+
+def test_distances_of_people_whose_feet_are_below_the_image_are_consistent() -> None:
+    """The head and usual statures tell the distance. Feet below the edge of the image are as hidden as those behind a wall."""
+    rng, eye, border, z = np.random.default_rng(1), np.array([0.0, 0.0, 2.4]), -0.5, []
+    nearest = eye[2] / np.tan(-border)
+    for _ in range(200):
+        away, stature = rng.uniform(0.6 * nearest, 0.95 * nearest), rng.normal(*STATURES)
+        high = np.arctan((stature - eye[2]) / away) + rng.normal(0, NOISE)
+        found = ranges_of(Flat(), Flat(), eye, np.zeros(1), (np.array([border]), np.array([high])), border)
+        assert found.feet_hidden[0] > 0.5
+        z.append((found.mean[0] - away) / found.sigma[0])
+    assert 0.4 < np.mean(np.square(z)) < 1.6
+
+
+def test_a_head_above_the_image_leaves_the_distance_to_the_feet() -> None:
+    away = np.array([3.0, 5.0])
+    edges = np.arctan(-1.5 / away), np.arctan(-0.8 / away)
+    found = ranges_of(Flat(), Flat(), np.array([0.0, 0.0, 1.5]), np.zeros(2), edges, head_cut=True)
+    np.testing.assert_allclose(found.mean, away, rtol=0.05)
+    # A whole box of 0.7 m would be of nobody.
+    assert not ranges_of(Flat(), Flat(), np.array([0.0, 0.0, 1.5]), np.zeros(2), edges).possible.any()

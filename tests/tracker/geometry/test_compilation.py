@@ -55,6 +55,14 @@ def test_a_truncated_cache_is_made_anew(folder: Path) -> None:
         assert file.stat().st_size > len(whole) // 2, suffix
 
 
+def test_long_compilation_is_said_once(folder: Path) -> None:
+    (folder / "kernel.py").write_text("import tracker.geometry.compilation as c\nc.SILENT = 0.0\n" + KERNEL + "print(double(2.5))")
+    words = run(folder)
+    assert words.count("compiling for this machine") == 1
+    # All is in the cache.
+    assert run(folder) == "42\n5.0\n"
+
+
 def test_without_any_folder_for_it_the_temporary_folder_has_the_cache(folder: Path, tmp_path: Path) -> None:
     """The cache beside the source and the home are files, so that no user, root included, can make a folder in them."""
     (folder / "__pycache__").write_text("")
