@@ -29,6 +29,8 @@ BAND = (28.0, -51.0)
 """Highest and lowest elevation of panoramas in the video, degrees."""
 STRIP = (820, 180)
 """Width and height of a panorama in the video, px."""
+STRIPS = 4
+"""Panoramas in the video, at most."""
 SIDE = (460, 720)
 """Width and height of the panel with the plan in the video, px."""
 VP9 = {"deadline": "realtime", "cpu-used": "8", "crf": "18", "b": "0"}
@@ -113,13 +115,17 @@ def plan(sequence: Sequence, results: Results, title: str, path: Path) -> None:
 
 
 def video_frames(sequence: Sequence, results: Results, ticks: Iterable[Tick]) -> Iterator[Image]:
-    """Video frames (720, 1280, 3) RGB: up to four images with boxes, the plan so far, and a chart of the robots' errors."""
+    """Video frames (720, 1280, 3) RGB: images with boxes, the plan so far, and a chart of the robots' errors.
+
+    Up to four panoramas have a strip each; the images of other cameras share the strips that are left.
+    """
     terrain_image = TerrainImage.of(sequence.setup, (SIDE[0] - 20, SIDE[1] - 370))
     errors = {"by SLAM": _robot_errors(sequence, results.poses), "dead reckoning": _robot_errors(sequence, dead_reckoning(sequence))}
     for tick in ticks:
-        strips = [_strip(image) for image in list(annotated(sequence, results, tick).values())[:4]]
-        while len(strips) < 4:
-            strips.append(np.full((STRIP[1], STRIP[0], 3), 24, np.uint8))
+        images = list(annotated(sequence, results, tick).values())
+        strips = [_strip(image) for image in images if _is_panorama(image)][:STRIPS]
+        if len(strips) < STRIPS:
+            strips.append(_grid([image for image in images if not _is_panorama(image)], STRIP[1] * (STRIPS - len(strips))))
         side = _plan_so_far(sequence, results, terrain_image, tick)
         _draw_error_chart(side, errors, tick.index, len(sequence.ticks))
         yield np.ascontiguousarray(np.hstack([np.vstack(strips), side]))
@@ -152,16 +158,31 @@ def _draw_error_chart(side: Image, lines: dict[str, Array], last_frame: int, fra
         draw_text(side, name, (left + 150 * k, bottom + 24), 0.48, colour)
 
 
+def _is_panorama(image: Image) -> bool:
+    return image.shape[1] == 2 * image.shape[0]
+
+
 def _strip(image: Image) -> Image:
-    """A band of a panorama, or another image as a whole, as large as STRIP."""
-    height, width = image.shape[:2]
-    if width != 2 * height:
-        out = np.full((STRIP[1], STRIP[0], 3), 24, np.uint8)
-        small = cv2.resize(image, (round(width * STRIP[1] / height), STRIP[1]), interpolation=cv2.INTER_AREA)[:, : STRIP[0]]
-        out[:, : small.shape[1]] = small
-        return out
-    top, bottom = (round(height * (90 - degrees) / 180) for degrees in BAND)
+    """A band of a panorama, as large as STRIP."""
+    top, bottom = (round(image.shape[0] * (90 - degrees) / 180) for degrees in BAND)
     return cv2.resize(image[top:bottom], STRIP, interpolation=cv2.INTER_AREA).astype(np.uint8)
+
+
+def _grid(images: list[Image], height: int) -> Image:
+    """Whole images in rows, as large as they fit into `height` px and the width of a strip."""
+    out, width = np.full((height, STRIP[0], 3), 24, np.uint8), STRIP[0]
+    if not images:
+        return out
+    tallest, widest = (max(image.shape[axis] for image in images) for axis in (0, 1))
+    scales = {columns: min(width / columns / widest, height / -(-len(images) // columns) / tallest) for columns in range(1, len(images) + 1)}
+    columns = max(scales, key=lambda number: scales[number])
+    scale = scales[columns]
+    for k, image in enumerate(images):
+        small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        top, left = k // columns * int(tallest * scale), k % columns * int(widest * scale)
+        part = out[top : top + small.shape[0], left : left + small.shape[1]]
+        part[:] = small[: part.shape[0], : part.shape[1]]
+    return out
 
 
 def _plan_so_far(sequence: Sequence, results: Results, terrain_image: TerrainImage, tick: Tick) -> Image:
