@@ -50,6 +50,10 @@ class CameraPlace:
         return self.camera is not None and self.camera.wraps
 
 
+TRACKED = 0.2
+"""Least probability of a box for tracking. Most boxes below it are of things that stand, which several cameras take for a person time and again."""
+
+
 class PersonDetector:
     """The detector of people in pixels.
 
@@ -84,9 +88,13 @@ class PersonDetector:
         return found.select(could_stand(found, site.camera, site.pose, site.ground))
 
     def detections(self, picture: NDArray[Any], site: CameraPlace) -> Detections:
-        """As `find`, as the tracker takes them: confidences are probabilities, covariances those of the network. site: with the camera."""
+        """As `find`, as the tracker takes them: confidences are probabilities, covariances those of the network. site: with the camera.
+
+        Boxes with probabilities below TRACKED are left out.
+        """
         assert site.camera is not None
         found = self.find(picture, site)
+        found = found.select(found.score >= TRACKED)
         if found.sigma is None:
             return detections_from_boxes(site.camera, found.box, found.score)
         left, _, right, bottom = found.sigma.T

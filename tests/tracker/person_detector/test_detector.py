@@ -18,7 +18,7 @@ from tracker.geometry import angles_from_bearing
 from tracker.geometry.cameras import Panorama, Pinhole
 from tracker.geometry.ground import Flat
 from tracker.geometry.image_boxes import box_overlaps
-from tracker.person_detector.detector import CameraPlace, PersonDetector, could_stand
+from tracker.person_detector.detector import TRACKED, CameraPlace, PersonDetector, could_stand
 from tracker.person_detector.found_boxes import FoundBoxes, one_for_each
 from tracker.person_detector.magnification import LARGEST_SHARE, magnified_parts
 from tracker.person_detector.network import PersonNetwork
@@ -79,6 +79,15 @@ def test_scores_follow_the_calibration(tmp_path: Path) -> None:
         model = PersonDetector(write_blob_network(tmp_path / "m.onnx", {"calibration": corners}))
         np.testing.assert_allclose(model.find(image).score, [wanted], atol=1e-5)
     assert not len(PersonDetector(write_blob_network(tmp_path / "m.onnx", {"min_score": 0.7})).find(image))
+
+
+def test_improbable_boxes_are_found_and_not_tracked(tmp_path: Path) -> None:
+    image, camera = picture_with((200, 230), [(102.0, 82.0)]), Pinhole(width=230, height=200, fx=400, fy=400, cx=115, cy=100)
+    for probability, tracked in ((TRACKED - 0.01, 0), (TRACKED + 0.01, 1)):
+        meta = {"min_score": 0.05, "calibration": [[-4, 0.0], [0, probability / 2], [4, probability]]}
+        model = PersonDetector(write_blob_network(tmp_path / "m.onnx", meta))
+        assert len(model.find(image, CameraPlace(camera))) == 1
+        assert len(model.detections(image, CameraPlace(camera))) == tracked
 
 
 def test_a_person_across_the_seam_is_one_box(detector: PersonDetector) -> None:
