@@ -166,7 +166,7 @@ class Sweep:
     """Cases that differ in one parameter.
 
     about: what changes, in one line. parameter: its name. values: from easy to hard. wording: a value in words, for str.format. unit: of the values.
-    world: name of the world, or None for the world of the command.
+    world: name of the world where the command has the default one, or None for that of the command.
     """
 
     name: str
@@ -334,7 +334,7 @@ def _case(sweep: Sweep, number: int, start: Scenario) -> Case:
     if sweep.name in ROOM_SWEEPS:
         return _room_case(sweep, number, start)
     scenario, faults, options = start, Faults(), dict[str, Value]()
-    if sweep.world:
+    if sweep.world and start.world == Scenario.world:
         scenario = replace(scenario, world=sweep.world)
     if sweep.name in FAULT_SWEEPS:
         faults = Faults(**{sweep.parameter: value})  # type: ignore[arg-type]

@@ -52,6 +52,11 @@ def test_a_sweep_changes_its_parameter_only() -> None:
     assert set(POLICIES) - {OWN_GOALS} <= set(BUILT_IN_POLICIES)
 
 
+def test_a_world_of_the_user_is_that_of_all_sweeps() -> None:
+    assert {case.scenario.world for case in cases(["density", "placement"], default_scenario())} == {"ruins"}
+    assert {case.scenario.world for case in cases([], replace(default_scenario(), world="my.glb"))} == {"my.glb"}
+
+
 def test_single_cases_and_unknown_names() -> None:
     assert [case.id for case in cases(["slip/2", "density/0", "slip/2"], default_scenario())] == ["slip/2", "density/0"]
     with pytest.raises(ValueError, match=r"--sweep is 'weather', needs one of density, difficulty, robots"):
