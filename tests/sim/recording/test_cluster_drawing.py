@@ -15,7 +15,7 @@ from sim.recording.frame_journal import NAME
 from sim.recording.record import versions
 from tests.sim.recording.test_resumable import checksum
 
-FRAMES = 4 * SHORTEST
+FRAMES = 12 * SHORTEST
 
 
 def test_parts_are_even_and_within_bounds() -> None:
