@@ -118,9 +118,7 @@ def project_to_ground(setup: Setup, camera: str, detections: Detections, pose: t
     near, covered = _nearer_boxes(up - half, across, detections)
     if detections.feet_seen is not None:
         near, covered = near | ~detections.feet_seen, covered | ~detections.feet_seen
-    cut, head_cut = (~mount.camera.pixels_from_bearings(bearing_from_angles(across, up + side * (half + BELOW)))[1] for side in (-1, 1))
-    # A box that is cut at both ends tells no distance.
-    head_cut &= ~cut
+    cut = ~mount.camera.pixels_from_bearings(bearing_from_angles(across, up - half - BELOW))[1]
     feet_hidden = FEET_HIDDEN[np.where(cut, 2, covered + 0)]
     feet = GroundDetections(
         camera, origin, foot, covariance, point, spread, height, high, grounded, near | cut, cut, feet_hidden, detections.confidence,
@@ -129,9 +127,9 @@ def project_to_ground(setup: Setup, camera: str, detections: Detections, pose: t
     if not len(feet):
         return feet
     no_border = np.full(len(foot), -np.pi / 2)
-    edges = BoxEdges(azimuth, detections.extent[:, 0] / 2, low, high, covariance[:, 1, 1], feet_hidden, no_border, head_cut)
+    edges = BoxEdges(azimuth, detections.extent[:, 0] / 2, low, high, covariance[:, 1, 1], feet_hidden, no_border)
     if setup.occluders is None:
-        return _with_hidden_feet(feet, setup, edges, covered | cut | head_cut, parameters)
+        return _with_hidden_feet(feet, setup, edges, covered | cut, parameters)
     # What a detector says of the feet holds whatever the map explains.
     told = np.zeros(len(feet), dtype=bool) if detections.feet_seen is None else ~detections.feet_seen
     edges = edges._replace(feet_hidden=np.where(told, FEET_HIDDEN[1], FEET_HIDDEN_KNOWN[covered + 0]), border=np.where(cut, low, no_border))
@@ -166,7 +164,7 @@ def _with_ranges(feet: GroundDetections, setup: Setup, ranges: RangeLikelihood, 
     """The detections in a known world, with the ambiguous ones marked."""
     along = np.stack([np.cos(edges.azimuth), np.sin(edges.azimuth)], axis=1)
     sigma = np.sqrt(np.einsum("ni,nij,nj->n", along, feet.spread, along))
-    uncertain = edges.head_cut | (ranges.feet_hidden > AMBIGUOUS_FEET) | (ranges.sigma > AMBIGUOUS_RANGE * sigma) | ~feet.grounded
+    uncertain = (ranges.feet_hidden > AMBIGUOUS_FEET) | (ranges.sigma > AMBIGUOUS_RANGE * sigma) | ~feet.grounded
     return replace(_ambiguous(feet, setup, ranges, (edges.azimuth, ranges.possible & uncertain), parameters), known=True)
 
 

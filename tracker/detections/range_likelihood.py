@@ -36,9 +36,6 @@ MARGIN = 0.3
 """m, an object nearer than this before a person hides nothing: places and maps have errors."""
 
 
-UNKNOWN_HEIGHT = 1.0
-"""m, standard deviation of the height of a body whose head is above the image."""
-
 HEAD_SIGMA = 0.03
 """m, standard deviation of the upper edge from the stature: people nod, bounce and wear hats."""
 
@@ -69,7 +66,7 @@ class BoxEdges(NamedTuple):
     """The edges of n boxes: azimuth and half_width, elevation of lower and upper edge (n,) rad; variance (n,) rad² of an elevation.
 
     feet_hidden (n,): probability that such a box ends above what is visible of the body, for reasons that no map shows.
-    border (n,) rad: elevation of the edge of the image, where the box ends there, −π/2 elsewhere. head_cut (n,): the head is above the image.
+    border (n,) rad: elevation of the edge of the image, where the box ends there, −π/2 elsewhere.
     """
 
     azimuth: Array
@@ -79,7 +76,6 @@ class BoxEdges(NamedTuple):
     variance: Array
     feet_hidden: Array
     border: Array
-    head_cut: Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,11 +149,6 @@ def infer_ranges(world: tuple[Ground, Ground], origin: Array, edges: BoxEdges, a
 
     height, error = distance * np.tan(edges.high)[:, None] - level, np.hypot(sigma * distance, HEAD_SIGMA)
     total, covered = _edge_density(profiles, (distance, step, fine), edges, ahead)
-    # Where the head is above the image, people are at least as tall as the box. All heights below the mean stature are as likely as it.
-    above = edges.head_cut[:, None] & (height < statures.mean)
-    height, error = np.where(above, statures.mean, height), np.where(above, UNKNOWN_HEIGHT, error)
-    alike = OUTLIER_SHARE + (1 - OUTLIER_SHARE) * statures.sigma / np.hypot(statures.sigma, UNKNOWN_HEIGHT)
-    total, covered = np.where(above, total / alike, total), np.where(above, covered / alike, covered)
     if walkable := WalkablePrior.of(*world):
         prior = walkable.at(places[:, middle, ::REFINEMENT])
         total, covered = total * prior, covered * prior

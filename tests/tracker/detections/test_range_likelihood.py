@@ -52,10 +52,10 @@ def box(ground: Grid, tops: Grid, eye: Array, feet: Array, stature: float) -> tu
 
 
 def ranges_of(
-    ground: Grid | Flat, tops: Grid | Flat, eye: Array, azimuth: Array, edges: tuple[Array, Array], border: float = -np.pi / 2, head_cut: bool = False
+    ground: Grid | Flat, tops: Grid | Flat, eye: Array, azimuth: Array, edges: tuple[Array, Array], border: float = -np.pi / 2
 ) -> RangeLikelihood:
     n = len(azimuth)
-    boxes = BoxEdges(azimuth, np.zeros(n), *edges, np.full(n, NOISE**2), np.zeros(n), np.full(n, border), np.full(n, head_cut))
+    boxes = BoxEdges(azimuth, np.zeros(n), *edges, np.full(n, NOISE**2), np.zeros(n), np.full(n, border))
     return infer_ranges((ground, tops), eye, boxes, 0.0, STATURES)
 
 
@@ -145,12 +145,3 @@ def test_distances_of_people_whose_feet_are_below_the_image_are_consistent() -> 
         assert found.feet_hidden[0] > 0.5
         z.append((found.mean[0] - away) / found.sigma[0])
     assert 0.4 < np.mean(np.square(z)) < 1.6
-
-
-def test_a_head_above_the_image_leaves_the_distance_to_the_feet() -> None:
-    away = np.array([3.0, 5.0])
-    edges = np.arctan(-1.5 / away), np.arctan(-0.8 / away)
-    found = ranges_of(Flat(), Flat(), np.array([0.0, 0.0, 1.5]), np.zeros(2), edges, head_cut=True)
-    np.testing.assert_allclose(found.mean, away, rtol=0.05)
-    # A whole box of 0.7 m would be of nobody.
-    assert not ranges_of(Flat(), Flat(), np.array([0.0, 0.0, 1.5]), np.zeros(2), edges).possible.any()
