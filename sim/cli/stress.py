@@ -110,7 +110,7 @@ class Stress:
     recording: Annotated[Path | None, unset("DIR", "none")] = None
     """A recording with truth (as for `pilsim track`) to test in place of simulated runs: fewer boxes, false boxes, fewer cameras."""
     scene: Annotated[OmitArgPrefixes[SceneOptions], arg(name="scene")] = USUAL
-    """These options set the world and who is in it, unless the sweep sets them. Without --world, density and placement are in ruins."""
+    """These options set the world and who is in it, unless the sweep sets them. Where the world is pilsun, density and placement are in ruins."""
     boxes: Annotated[OmitArgPrefixes[BoxOptions], arg(name="detector")] = BoxOptions()
     """These options choose where the boxes of people come from."""
     subject: Annotated[OmitArgPrefixes[TrackerOptions], arg(name="tracker")] = TrackerOptions()

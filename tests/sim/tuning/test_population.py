@@ -116,18 +116,31 @@ def test_truth_scores_one_and_silence_nothing() -> None:
     assert silent["truths"] == best["truths"] == silent["misses"]
 
 
+@pytest.fixture(scope="module")
+def block(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[PopulationCase]]:
+    """A block of cases, and its folder."""
+    folder = tmp_path_factory.mktemp("block")
+    return folder, population(len(BLOCK), SEED, folder)
+
+
+def people_at_once(case: PopulationCase) -> int:
+    return max(len(ids) for ids, _ in (case.recording.truth or {}).values())
+
+
 @pytest.mark.soak
-def test_people_of_all_kinds_are_seen(tmp_path: Path) -> None:
-    """Of a block, people are in view mostly, and numbers of cameras and people are in bounds. A case does not depend on those before it."""
+def test_people_of_all_kinds_are_seen(block: tuple[Path, list[PopulationCase]], tmp_path: Path) -> None:
+    """Of a block, people are in view mostly, and numbers of cameras are in bounds. A case does not depend on those before it."""
+    folder, cases = block
     (alone,) = population(1, SEED, tmp_path / "alone", first=7)
-    for case in population(len(BLOCK), SEED, tmp_path):
-        recording = case.recording
-        people = np.array([len(ids) for ids, _ in (recording.truth or {}).values()])
-        assert 2 <= len(recording.cameras) <= 8
-        # Up to 60 are drawn to be there at once; while some come as others leave, there are more.
-        assert np.median(people) <= 60
-        assert people.max() <= 72
-        seen = np.concatenate(list(recording.visible.values()))
+    for case in cases:
+        assert 2 <= len(case.recording.cameras) <= 8
+        seen = np.concatenate(list(case.recording.visible.values()))
         assert (seen > 0.2).mean() > 0.3
     name = f"case-{SEED}-{alone.number:05d}.npz"
-    assert (tmp_path / name).read_bytes() == (tmp_path / "alone" / name).read_bytes()
+    assert (folder / name).read_bytes() == (tmp_path / "alone" / name).read_bytes()
+
+
+@pytest.mark.soak
+@pytest.mark.xfail(strict=True, reason="66 people are in one case for a moment, as some come before others leave")
+def test_no_more_people_are_there_at_once_than_the_kinds_say(block: tuple[Path, list[PopulationCase]]) -> None:
+    assert max(map(people_at_once, block[1])) <= 60
