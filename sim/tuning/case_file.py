@@ -22,7 +22,7 @@ from tracker.recordings.camera_json import camera_from, camera_to
 from tracker.recordings.recording import RecordingRobot
 from tracker.types import Odometry, Start
 
-VERSION = 3
+VERSION = 4
 """Of the population: cases of other versions are refused."""
 PIXEL, METRE, SHARE = 100, 1000, 10000
 """Steps to which boxes, places, and confidences and visible shares are rounded."""

@@ -18,6 +18,7 @@ from sim.prediction import fit_views
 from sim.tuning.case_file import PopulationCase, case_path, read_case, rows_of, true_robot, write_case
 from sim.tuning.detectors import BODY_WIDTH, CameraErrors, DrawnDetector, drawn_detector
 from sim.tuning.kinds import BLOCK, CaseScene, rover_camera, rover_poses, scene
+from sim.tuning.look_alikes import LookAlikes, LookAlikesInView
 from sim.tuning.walks import STEPS, Habits, Surroundings, Walkers, Walks, floor, reached, walks
 from tracker.detector_models.bodies import Place, TrueBodies, bodies_in_view
 from tracker.detector_models.fitting import Source
@@ -171,12 +172,13 @@ class PopulationKey(NamedTuple):
 
 def case_of(key: PopulationKey, made: CaseScene, fitted: Sequence[DrawnDetector] = ()) -> PopulationCase:
     """The case of a scene. fitted: a detector for each camera, in place of one that is drawn for all."""
-    streams = [np.random.default_rng([key.seed, key.number, 2, k]) for k in range(1, 4)]
+    streams = [np.random.default_rng([key.seed, key.number, 2, k]) for k in range(1, 5)]
     walkers = Walkers.of(made.around, made.habits, (made.at_once, made.people, made.rovers), made.frames / made.rate, streams[0])
     walked = walks(walkers, made.frames, 1 / made.rate)
     diagonal = float(np.linalg.norm(made.around.area[1] - made.around.area[0]))
     detectors = fitted or [drawn_detector(diagonal, streams[1])] * (len(made.cameras) + made.rovers)
-    recording = recorded(made, walked, detectors, streams[2])
+    things = LookAlikes.drawn(made.around, streams[3]) if not fitted else LookAlikes.none()
+    recording = recorded(made, walked, detectors, things, streams[2])
     return PopulationCase(*key, recording, max(2, round(DELAY * made.rate)))
 
 
@@ -203,8 +205,9 @@ class _Crowd:
         return PeopleAtStep(rows + 1, feet, dict(zip((rows + 1).tolist(), tall.tolist(), strict=True)))
 
 
-def recorded(made: CaseScene, walked: Walks, detectors: Sequence[DrawnDetector], rng: np.random.Generator) -> Recording:
+def recorded(made: CaseScene, walked: Walks, detectors: Sequence[DrawnDetector], things: LookAlikes, rng: np.random.Generator) -> Recording:
     """The recording of a scene: boxes by a detector for each camera, and what the tracker is told of the cameras."""
+    ids = range(1, made.people + len(things) + 1)
     crowd, names = _Crowd(made, walked, rng), [f"C{k}" for k in range(1, len(made.cameras) + made.rovers + 1)]
     robots = {f"r{k}": rover_poses(walked.place[:, made.people + k], made.around) for k in range(made.rovers)}
     true = dict(zip(names, [*made.cameras, *(rover_camera(robot, rng) for robot in robots)], strict=True))
@@ -213,7 +216,8 @@ def recorded(made: CaseScene, walked: Walks, detectors: Sequence[DrawnDetector],
     for (name, camera), detector in zip(true.items(), detectors, strict=True):
         errors = CameraErrors.drawn(scale, rng)
         told[name] = replace(camera, pose=camera.pose @ errors.pose)
-        view = _View(made.around, camera.camera, detector, ViewSampler(detector.model, camera.camera, 1 / made.rate, range(1, made.people + 1), rng))
+        alike = LookAlikesInView(things, made.people, 1 / made.rate, len(told))
+        view = _View(made.around, camera.camera, detector, ViewSampler(detector.model, camera.camera, 1 / made.rate, ids, rng), alike)
         detections[name] = {}
         for frame in range(made.frames):
             step = STEPS * frame + STEPS // 2
@@ -245,11 +249,12 @@ def recorded(made: CaseScene, walked: Walks, detectors: Sequence[DrawnDetector],
 class _View:
     """The boxes of a camera, frame by frame."""
 
-    def __init__(self, around: Surroundings, camera: Camera, detector: DrawnDetector, sampler: ViewSampler) -> None:
-        self._around, self._camera, self._detector, self._sampler = around, camera, detector, sampler
+    def __init__(self, around: Surroundings, camera: Camera, detector: DrawnDetector, sampler: ViewSampler, things: LookAlikesInView) -> None:
+        self._around, self._camera, self._detector, self._sampler, self._things = around, camera, detector, sampler, things
 
     def boxes(self, pose: Pose, people: PeopleAtStep) -> tuple[Array, Array, dict[int, float]]:
         """Boxes (n, 4) px, confidences (n,), and the visible share by person."""
+        people = self._with_things(people)
         # The nearest point of the cylinder's foot is the lower edge of its box.
         toward = pose.translation[:2] - people.feet[:, :2]
         toward /= np.maximum(np.linalg.norm(toward, axis=1, keepdims=True), 1e-6)
@@ -258,10 +263,18 @@ class _View:
         if self._around.occluders is not None and len(bodies.person):
             bodies = self._hidden(bodies, pose, people)
         ground = float(self._around.ground.height_at(pose.translation[None])[0])
-        found, scale = self._sampler.step(bodies, Place(pose, ground)), self._detector.scale
+        found, scale = self._things.weakened(self._sampler.step(bodies, Place(pose, ground))), self._detector.scale
         kept = scale.kept(found.confidence)
         visible = dict(zip(bodies.person.tolist(), bodies.visible.tolist(), strict=True))
         return found.boxes[kept], scale.said(found.confidence[kept]), visible
+
+    def _with_things(self, people: PeopleAtStep) -> PeopleAtStep:
+        """People and things that are taken for people, whose ids follow those of people."""
+        things, first = self._things.things, self._things.people
+        ids = first + 1 + np.arange(len(things))
+        feet = np.column_stack([things.place, self._around.ground.height_at(things.place)])
+        heights = people.heights | dict(zip(ids.tolist(), things.height.tolist(), strict=True))
+        return PeopleAtStep(np.concatenate([people.ids, ids]), np.concatenate([people.feet, feet]), heights)
 
     def _hidden(self, bodies: TrueBodies, pose: Pose, people: PeopleAtStep) -> TrueBodies:
         """Bodies less what the height map hides: their visible parts begin above it."""

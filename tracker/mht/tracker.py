@@ -45,6 +45,7 @@ from tracker.tracks.measurement_noise import MeasurementNoise
 from tracker.tracks.parameters import MhtParameters
 from tracker.tracks.reidentification import Appearance, NewTargetModel, Reidentification
 from tracker.tracks.sensor_model import SensorModel, TickOutcome
+from tracker.tracks.standing_things import StandingThings
 from tracker.tracks.tracks import Tracks
 from tracker.types import Setup
 from tracker.types.ticks import ROUNDING
@@ -137,6 +138,7 @@ class MhtFilter:
         self.best = np.zeros(0, dtype=np.int64)  # rows of the leaves in the global hypothesis
         self.kept = np.zeros((0, 1), dtype=bool)  # which leaves each hypothesis holds; the last column is for roots, whose parent is −1
         self._owners = TrackOwners()
+        self.things = StandingThings()
         self.noise = MeasurementNoise(parameters.noise)
         self._next_tree, self._next_node, self._ticks = 1, 0, 0
 
@@ -169,6 +171,7 @@ class MhtFilter:
 
     def _present(self) -> tuple[TrackHypotheses, Mask]:
         people = self.leaves.select(self.best)
+        people = people.select(~self.things.likely(people.tree, self.parameters.thing))
         # Time in which no view could have had a box does not count as a gap.
         present = people.confirmed & ~people.deleted & (people.expected_misses <= self._max_gap)
         present &= (people.misses < MOSTLY) | (people.position_sigma <= REPORT_SIGMA)
@@ -351,12 +354,21 @@ class MhtFilter:
             now.views, doubt, np.where(box >= 0, box - start[:-1], -1), now.expected[parent], now.bodies.occluded_by_view(now.cameras)[parent],
             sure, leaves.existence[known], leaves.state[known, :2], leaves.covariance[known, :2, :2],
         ))  # fmt: skip
+        self._judge_things(now, leaves.select(known[sure]), box[sure], now.expected[parent[sure]])
         old = known[leaves.confirmed[known]]
         for v, boxes in enumerate(now.views):
             innovations = children.residual[old, v], children.H[old, v], children.S[old, v]
             mine = old[new.box[old, v] >= 0]
             self.noise.learn(boxes.camera, children.residual[mine, v], children.S[mine, v], boxes.covariance[new.box[mine, v] - start[v]])
             self.sensor_model.registration_bias.learn(boxes.camera, leaves.state[old, :2], innovations)
+
+    def _judge_things(self, now: Observation, tracks: TrackHypotheses, box: Ints, expected: Array) -> None:
+        """Learn which tracks (t,) are of things. box (t, V): rows of BoxTable. expected (t, V): relative detection rates."""
+        ranks = np.full(box.shape, np.nan)
+        for v, boxes in enumerate(now.views):
+            mine = box[:, v] >= 0
+            ranks[mine, v] = self.sensor_model.detection_rates.rank(boxes.camera, boxes.confidence)[box[mine, v] - now.table.start[v]]
+        self.things.learn(self.now.seconds, tracks.tree, (tracks.state[:, :2], tracks.position_sigma), ranks, expected)
 
     def _reidentified(self, time: float, leaves: TrackHypotheses, best: Ints, fresh: set[int]) -> TrackHypotheses:
         """The leaves; lost trees that newly confirmed ones continue are deleted."""

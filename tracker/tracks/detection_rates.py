@@ -81,6 +81,10 @@ class DetectionRates:
         if self.parameters.learned:
             self._calibrated(camera).observe(confidence)
 
+    def rank(self, camera: str, confidence: Array) -> Array:
+        """Rank (n,) of confidences (n,) among the last boxes of a camera, 0 to 1; the confidences themselves where they are probabilities."""
+        return self._calibrated(camera).rank(confidence) if self.parameters.learned else confidence
+
     def _calibrated(self, camera: str) -> ConfidenceCalibration:
         if camera not in self._calibration:
             self._calibration[camera] = ConfidenceCalibration(self.parameters.memory)
@@ -179,6 +183,11 @@ class ConfidenceCalibration:
         """Remember the confidences (n,) of a tick, among which boxes are ranked."""
         self._seen = np.concatenate([self._seen, confidence])[-REMEMBERED:]
         self._ranked = np.sort(self._seen)
+
+    def rank(self, confidence: Array) -> Array:
+        """Rank (n,), 0 to 1, of confidences (n,) among those that are remembered; equal ones have the mean of their ranks."""
+        left, right = (np.searchsorted(self._ranked, confidence, side=side) for side in ("left", "right"))
+        return np.asarray((left + right) / (2 * max(len(self._ranked), 1)))
 
     def learn(self, found: Array, false: Array, weight: Array) -> None:
         """Count the boxes of a tick: confidences of people's boxes (f,) and of others (n,), which are false with probability `weight` (n,)."""

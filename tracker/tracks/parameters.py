@@ -35,6 +35,7 @@ class MhtParameters:
     miss_time: float = 0.5  # s in which the missed detections of a person have one cause and count once against existence
     body: float = 0.3  # m, mean distance in the memory of two tracks below which they are of one person
     report: float = 0.98  # probability of existence from which a track is confirmed
+    thing: float = 0.85  # probability of a thing that the detector takes for a person, above which a track is not reported
     forget: float = 5e-4  # probability of existence below which a track is deleted
     joint_misses: float = 2.0  # missed detections for which a miss in all views at once counts at most, as its cause is common
     n_scan: float = 10 / 7  # s, age at which N-scan pruning fixes a decision

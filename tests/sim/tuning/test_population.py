@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 
 from sim.tuning.case_file import VERSION, PopulationCase, read_case, write_case
-from sim.tuning.detectors import SCALES, ConfidenceScale
+from sim.tuning.detectors import SCALES, ConfidenceScale, drawn_detector
 from sim.tuning.kinds import BLOCK, scene
-from sim.tuning.population import PopulationKey, case_of, kind_of, population
+from sim.tuning.look_alikes import NEAR_WALL, LookAlikes
+from sim.tuning.population import PopulationKey, case_of, kind_of, population, recorded
 from sim.tuning.scoring import evaluate
 from sim.tuning.walks import LEAST_SPACING, Habits, Walkers, floor, reached, walks
 from tracker.geometry.ground import Grid
@@ -144,3 +145,26 @@ def test_people_of_all_kinds_are_seen(block: tuple[Path, list[PopulationCase]], 
 @pytest.mark.xfail(strict=True, reason="66 people are in one case for a moment, as some come before others leave")
 def test_no_more_people_are_there_at_once_than_the_kinds_say(block: tuple[Path, list[PopulationCase]]) -> None:
     assert max(map(people_at_once, block[1])) <= 60
+
+
+def test_things_that_look_like_people_stand_in_all_views_and_are_weaker() -> None:
+    """With things, the same scene has more boxes, at the same places in all frames; boxes of people are as sure as before."""
+    made = replace(scene("office", np.random.default_rng(SEED)), most_frames=30)
+    found = next(found for seed in range(20) if len(found := LookAlikes.drawn(made.around, np.random.default_rng(seed))) > 2)
+    free = made.around.free
+    assert (free.clearance_at(found.place) < NEAR_WALL + free.spacing).all()
+    detector = drawn_detector(10.0, np.random.default_rng(1))
+    detector = replace(detector, scale=ConfidenceScale("given", 1.0, 0.0))
+    walkers = Walkers.of(made.around, made.habits, (made.at_once, made.people, 0), made.frames / made.rate, np.random.default_rng(2))
+    walked = walks(walkers, made.frames, 1 / made.rate)
+
+    def boxes(things: LookAlikes) -> np.ndarray:
+        recording = recorded(made, walked, [detector] * len(made.cameras), things, np.random.default_rng(5))
+        return np.concatenate([confidence for of in recording.detections.values() for _, confidence in of.values()])
+
+    sure = replace(found, found=np.ones(len(found)), weaker=np.full(len(found), 3.0))
+    bare, weak = boxes(LookAlikes.none()), boxes(sure)
+    assert len(weak) > len(bare) + 0.5 * len(found) * made.frames
+    # Most of the new boxes rank among the least sure quarter of people's.
+    unsure = float(np.quantile(bare, 0.25))
+    assert (weak < unsure).sum() - (bare < unsure).sum() > 0.6 * (len(weak) - len(bare))

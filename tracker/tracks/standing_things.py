@@ -1,0 +1,104 @@
+"""Which tracks are of things that the detector takes for people: furniture, posts, pictures. Several views find them, again and again.
+
+A track is of a person or of a thing. Three figures of a track tell the log-odds of a thing:
+
+* the mean rank of the confidences of its boxes among all boxes of their views, which is lower for things;
+* its detections over the expected ones, which are fewer for things;
+* whether it has moved, and else for how long it has stood.
+
+The first two count by how much they are below what is usual for people. The log-odds are linear in them, with slopes by logistic regression on the
+population of `pilsim tune`. The share of things among tracks and what is usual are estimated with the odds at each tick. This is expectation and
+maximization (Dempster et al. 1977).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import expit, logit
+
+from tracker.geometry import Array, Ints, Mask
+
+SHARE, PRIOR_TRACKS = 0.08, 40.0
+"""Prior share of things among tracks, and tracks for which it counts."""
+USUAL, WEIGHT_USUAL = np.array([0.6, 0.85]), 0.5
+"""Prior rank and detections over expected ones of people, and people for whom they count."""
+WEIGHT_STANDING = 0.3
+"""Weight of a track that has not moved in what is usual for people, as it may be of a thing."""
+SLOPES = np.array([4.6, 10.4])
+"""Log-odds of a thing by how much lower each of the two is."""
+LEAST_BOXES = 8.0
+"""Boxes of which the two tell half as much as those of many."""
+MOST_FOUND = 1.1
+"""Detections over expected ones that count at most."""
+MOVED, MOVED_RATIO = 0.6, -0.7
+"""m from the mean of its places, less two standard deviations, from which a track has moved; its log-odds, as tracks of things jump between them."""
+STANDS, STANDING_TIME = 0.2, 4.0
+"""Probability that a person stands for good, and s for which others stand in the mean."""
+ROUNDS = 6
+"""Rounds of expectation and maximization."""
+
+
+@dataclass(eq=False)
+class _History:
+    """A track so far.
+
+    mean (2,) m of its places, and their number; s; distance m from the mean, at most; sum of ranks of its boxes; boxes; expected boxes.
+    """
+
+    mean: Array
+    places: int = 0
+    time: float = 0.0
+    farthest: float = 0.0
+    ranks: float = 0.0
+    boxes: float = 0.0
+    expected: float = 0.0
+
+
+class StandingThings:
+    """The odds of all confirmed trees of the global hypothesis."""
+
+    def __init__(self) -> None:
+        self._history: dict[int, _History] = {}
+        self._odds: dict[int, float] = {}
+
+    def learn(self, seconds: float, tree: Ints, place: tuple[Array, Array], ranks: Array, expected: Array) -> None:
+        """Take a tick `seconds` after the last, for trees (t,). Trees that are not among them are forgotten.
+
+        place: (t, 2) m, and its standard deviation (t,). ranks (t, V): of the confidence of the box that a tree takes in each view, 0 to 1,
+        NaN for none. expected (t, V): detection rate in each view, 0 to 1, relative to people in full view.
+        """
+        (where, sigma), found = place, np.isfinite(ranks)
+        # A box where none was expected is no more than one.
+        due = np.where(found, np.maximum(expected, 0.5), expected).sum(axis=1)
+        self._history = {one: self._history.get(one) or _History(where[k]) for k, one in enumerate(tree.tolist())}
+        for k, track in enumerate(self._history.values()):
+            track.time += seconds
+            track.farthest = max(track.farthest, float(np.linalg.norm(where[k] - track.mean) - 2 * sigma[k]))
+            track.places += 1
+            track.mean = track.mean + (where[k] - track.mean) / track.places
+            track.ranks += float(np.nansum(ranks[k]))
+            track.boxes += float(found[k].sum())
+            track.expected += float(due[k])
+        if self._history:
+            self._judge()
+
+    def _judge(self) -> None:
+        columns = [(t.time, t.farthest, t.ranks, t.boxes, t.expected) for t in self._history.values()]
+        time, farthest, ranks, boxes, expected = np.array(columns, dtype=np.float64).T
+        moved, n = farthest > MOVED, len(time)
+        figures = np.column_stack([ranks / np.maximum(boxes, 1.0), np.minimum(boxes / np.maximum(expected, 1.0), MOST_FOUND)])
+        motion = np.where(moved, MOVED_RATIO, -np.log(STANDS + (1 - STANDS) * np.exp(-time / STANDING_TIME)))
+        thing, odds = np.zeros(n), np.zeros(n)
+        for _ in range(ROUNDS):
+            person = np.where(moved, 1.0, WEIGHT_STANDING) * (1 - thing)
+            usual = (WEIGHT_USUAL * USUAL + person @ figures) / (WEIGHT_USUAL + person.sum())
+            share = (SHARE * PRIOR_TRACKS + thing.sum()) / (PRIOR_TRACKS + n)
+            odds = (usual - figures) @ SLOPES * boxes / (boxes + LEAST_BOXES) + motion + logit(share)
+            thing = expit(odds)
+        self._odds = dict(zip(self._history, odds.tolist(), strict=True))
+
+    def likely(self, tree: Ints, probability: float) -> Mask:
+        """Which trees (n,) are of things with more than this probability."""
+        return np.array([self._odds.get(one, -np.inf) for one in tree.tolist()], dtype=np.float64) > logit(probability)
