@@ -34,6 +34,11 @@ LOOSE, STRICT = 0.05, 0.3
 """Least confidences, in the detector's own scale, of detectors that give weak boxes, too, and of those that do not."""
 
 
+def inside_bounds(confidence: Array) -> Array:
+    """Confidences (n,) of which the log-odds are finite."""
+    return np.clip(confidence, 1e-4, 1 - 1e-4)
+
+
 @dataclass(frozen=True)
 class ConfidenceScale:
     """What a detector says in place of a confidence c in [0, 1]: an increasing function of it, one number, or none (NO_CONFIDENCE).
@@ -60,7 +65,7 @@ class ConfidenceScale:
         """Confidences (n,) in the detector's scale."""
         if self.kind == "given":
             return confidence
-        inside = np.clip(confidence, 1e-4, 1 - 1e-4)
+        inside = inside_bounds(confidence)
         match self.kind:
             case "power":
                 return np.asarray(inside**self.number)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import expit, logit
 
+from sim.tuning.detectors import inside_bounds
 from sim.tuning.walks import Surroundings
 from tracker.detector_models.bodies import SimulatedBoxes
 from tracker.detector_models.processes import persistence
@@ -77,6 +78,6 @@ class LookAlikesInView:
         thing = found.person - self.people - 1
         mine = thing >= 0
         sure = found.confidence.copy()
-        sure[mine] = expit(logit(np.clip(sure[mine], 1e-4, 1 - 1e-4)) - (self.things.weaker + noise)[thing[mine]])
+        sure[mine] = expit(logit(inside_bounds(sure[mine])) - (self.things.weaker + noise)[thing[mine]])
         kept = ~mine | (self._state < self.things.found)[np.maximum(thing, 0)]
         return replace(found, boxes=found.boxes[kept], confidence=sure[kept], person=found.person[kept])

@@ -190,6 +190,17 @@ class PeopleAtStep:
     feet: Array
     heights: dict[int, float]
 
+    def joined(self, other: PeopleAtStep) -> PeopleAtStep:
+        """Both, who have no id in common."""
+        return PeopleAtStep(np.concatenate([self.ids, other.ids]), np.concatenate([self.feet, other.feet]), self.heights | other.heights)
+
+
+def _standing(seen: LookAlikesInView, around: Surroundings) -> PeopleAtStep:
+    """Things as if they were people, whose ids follow those of people."""
+    ids, place = seen.people + 1 + np.arange(len(seen.things)), seen.things.place
+    heights = dict(zip(ids.tolist(), seen.things.height.tolist(), strict=True))
+    return PeopleAtStep(ids, np.column_stack([place, around.ground.height_at(place)]), heights)
+
 
 class _Crowd:
     """People by step of their walks."""
@@ -251,10 +262,11 @@ class _View:
 
     def __init__(self, around: Surroundings, camera: Camera, detector: DrawnDetector, sampler: ViewSampler, things: LookAlikesInView) -> None:
         self._around, self._camera, self._detector, self._sampler, self._things = around, camera, detector, sampler, things
+        self._standing = _standing(things, around)
 
     def boxes(self, pose: Pose, people: PeopleAtStep) -> tuple[Array, Array, dict[int, float]]:
         """Boxes (n, 4) px, confidences (n,), and the visible share by person."""
-        people = self._with_things(people)
+        people = people.joined(self._standing)
         # The nearest point of the cylinder's foot is the lower edge of its box.
         toward = pose.translation[:2] - people.feet[:, :2]
         toward /= np.maximum(np.linalg.norm(toward, axis=1, keepdims=True), 1e-6)
@@ -267,14 +279,6 @@ class _View:
         kept = scale.kept(found.confidence)
         visible = dict(zip(bodies.person.tolist(), bodies.visible.tolist(), strict=True))
         return found.boxes[kept], scale.said(found.confidence[kept]), visible
-
-    def _with_things(self, people: PeopleAtStep) -> PeopleAtStep:
-        """People and things that are taken for people, whose ids follow those of people."""
-        things, first = self._things.things, self._things.people
-        ids = first + 1 + np.arange(len(things))
-        feet = np.column_stack([things.place, self._around.ground.height_at(things.place)])
-        heights = people.heights | dict(zip(ids.tolist(), things.height.tolist(), strict=True))
-        return PeopleAtStep(np.concatenate([people.ids, ids]), np.concatenate([people.feet, feet]), heights)
 
     def _hidden(self, bodies: TrueBodies, pose: Pose, people: PeopleAtStep) -> TrueBodies:
         """Bodies less what the height map hides: their visible parts begin above it."""

@@ -170,8 +170,7 @@ class MhtFilter:
         return self._present()
 
     def _present(self) -> tuple[TrackHypotheses, Mask]:
-        people = self.leaves.select(self.best)
-        people = people.select(~self.things.likely(people.tree, self.parameters.thing))
+        people = self.leaves.select(self.best[~self.things.likely(self.leaves.tree[self.best], self.parameters.thing)])
         # Time in which no view could have had a box does not count as a gap.
         present = people.confirmed & ~people.deleted & (people.expected_misses <= self._max_gap)
         present &= (people.misses < MOSTLY) | (people.position_sigma <= REPORT_SIGMA)
@@ -348,10 +347,11 @@ class MhtFilter:
         """Learn the detection rates, measurement noise and registration bias of each view from the confirmed tracks of the global hypothesis."""
         leaves, start = new.leaves, now.table.start
         known = best[new.parent[best] >= 0]
-        box, parent = new.box[known], new.parent[known]
+        parent = new.parent[known]
+        box = np.where(new.box[known] >= 0, new.box[known] - start[:-1], -1)
         sure = leaves.confirmed[known] & (leaves.misses[known] <= self._max_gap)
         self.sensor_model.learn(TickOutcome(
-            now.views, doubt, np.where(box >= 0, box - start[:-1], -1), now.expected[parent], now.bodies.occluded_by_view(now.cameras)[parent],
+            now.views, doubt, box, now.expected[parent], now.bodies.occluded_by_view(now.cameras)[parent],
             sure, leaves.existence[known], leaves.state[known, :2], leaves.covariance[known, :2, :2],
         ))  # fmt: skip
         self._judge_things(now, leaves.select(known[sure]), box[sure], now.expected[parent[sure]])
@@ -363,11 +363,11 @@ class MhtFilter:
             self.sensor_model.registration_bias.learn(boxes.camera, leaves.state[old, :2], innovations)
 
     def _judge_things(self, now: Observation, tracks: TrackHypotheses, box: Ints, expected: Array) -> None:
-        """Learn which tracks (t,) are of things. box (t, V): rows of BoxTable. expected (t, V): relative detection rates."""
+        """Learn which tracks (t,) are of things. box (t, V): of each track in each view, −1 for none. expected (t, V): relative detection rates."""
         ranks = np.full(box.shape, np.nan)
         for v, boxes in enumerate(now.views):
             mine = box[:, v] >= 0
-            ranks[mine, v] = self.sensor_model.detection_rates.rank(boxes.camera, boxes.confidence)[box[mine, v] - now.table.start[v]]
+            ranks[mine, v] = self.sensor_model.detection_rates.rank(boxes.camera, boxes.confidence)[box[mine, v]]
         self.things.learn(self.now.seconds, tracks.tree, (tracks.state[:, :2], tracks.position_sigma), ranks, expected)
 
     def _reidentified(self, time: float, leaves: TrackHypotheses, best: Ints, fresh: set[int]) -> TrackHypotheses:
