@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
-from sim.cli.options import Out, json_text, unset
+from sim.cli.options import Out, command_line, json_text, unset
 from sim.cli.track import SourceChoice
 from tracker.options import Ending
 
@@ -50,7 +50,7 @@ class Calibrate:
     """The recording."""
     out: Out
     """Folder of the new recording; it must not exist yet."""
-    begin: Annotated[Literal["given", "nothing", "intrinsics", "current"], arg(name="from")] = "given"
+    from_: Annotated[Literal["given", "nothing", "intrinsics", "current"], arg(name="from")] = "given"
     """What of the cameras is believed: what is given, only sizes of images, only K, or all, to find what has moved."""
     height: tyro.conf.UseAppendAction[Annotated[tuple[str, ...], arg(metavar="NAME=M", help_behavior_hint="(default: none; repeatable)")]] = ()
     """Height of a camera above the ground, m."""
@@ -64,6 +64,8 @@ class Calibrate:
     """Estimate the radial distortion k1, too."""
     picture: Annotated[Path | None, Ending(".png"), unset("FILE.png", "none")] = None
     """Draw the plan with the paths of people, and the view of each camera with ground grid and horizon."""
+    page: Annotated[Path | None, Ending(".html"), unset("FILE.html", "none")] = None
+    """Write a page with figures, what is not known, and pictures before and after."""
     choice: OmitArgPrefixes[SourceChoice] = SourceChoice()
     json: bool = False
     """Print JSON alone."""
@@ -109,7 +111,7 @@ class Calibrate:
         stature = None if self.stature == "none" else _metres(self.stature)
         if stature is None and self.stature != "none":
             raise ValueError(f"--stature is {self.stature!r}, needs a number of metres above 0")
-        return Known(heights, distances, stature, self.principal, self.k1, refine=self.begin == "current")
+        return Known(heights, distances, stature, self.principal, self.k1, refine=self.from_ == "current")
 
     def _believed(self, recording: Recording) -> Recording:
         """The recording with what of its cameras is believed. Raises ValueError where nothing is left to find."""
@@ -118,15 +120,15 @@ class Calibrate:
         named = [*(text.partition("=")[0] for text in self.height), *(name for text in self.distance for name in text.partition("=")[0].split(","))]
         if unknown := [name for name in named if name not in recording.fixed]:
             raise ValueError(f"{self.source}: camera is {unknown[0]!r}, needs one of {', '.join(recording.fixed)}")
-        if self.begin == "given" and not any(camera.unknown for camera in recording.fixed.values()):
+        if self.from_ == "given" and not any(camera.unknown for camera in recording.fixed.values()):
             raise ValueError(f"{self.source}: all cameras have R and t; --from current finds what of them has moved, --from nothing forgets them")
-        if self.begin not in ("nothing", "intrinsics"):
+        if self.from_ not in ("nothing", "intrinsics"):
             return recording
         cameras = {
             name: camera
             if camera.robot is not None
             else RecordingCamera.uncalibrated(
-                camera.camera.width, camera.camera.height, camera.camera if self.begin == "intrinsics" or camera.camera.wraps else None
+                camera.camera.width, camera.camera.height, camera.camera if self.from_ == "intrinsics" or camera.camera.wraps else None
             )
             for name, camera in recording.cameras.items()
         }
@@ -148,10 +150,16 @@ class Calibrate:
             from tracker.recordings.calibration_check import check_calibration
 
             draw_calibration(whole, check_calibration(whole), self.picture, tuple(place for _, place in found.paths.values()))
+        if self.page is not None:
+            from sim.report.calibration_page import write_calibration_page
+
+            placed = all("pose" not in camera.unknown for camera in recording.fixed.values())
+            command = command_line(self, ("picture", "page", "json"), repeated=("height", "distance", "detections"))
+            write_calibration_page(self.page, found, (recording if placed else None, whole), command)
         if self.json:
             print(json_text({"out": str(folder)} | found.to_json(), indent=1))
         else:
-            moved = found.changes or (["nothing has moved beyond its errors"] if self.begin == "current" else [])
+            moved = found.changes or (["nothing has moved beyond its errors"] if self.from_ == "current" else [])
             print("\n".join([*found.lines(), *moved, f"{folder}: {len(found.cameras)} cameras; `pilsim track {folder}` reads it"]))
 
 

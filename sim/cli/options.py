@@ -73,7 +73,8 @@ def command_line(command: Any, without: Container[str], repeated: Container[str]
     name = re.sub("(?<!^)(?=[A-Z])", "-", type(command).__name__).lower()
     words = ["pilsim", name]
     for option, value, usual in options_of(command):
-        flag = f"--{option.replace('_', '-')}"
+        # A field named by a word of Python ends with "_".
+        flag = f"--{option.rstrip('_').replace('_', '-')}"
         if option == "source":
             words += [] if value is None else [str(value)]
         elif value == usual or option in without:

@@ -161,9 +161,11 @@ class _Calibrator:
         ]
         far = WITHIN * float(np.max(adjusted.edges[:, 2] * STATURE / np.exp(adjusted.rows[:, HEIGHT]), initial=0.0))
         for a, b in combinations(self.rows, 2):
-            own, other = (self._cloud(name, self.rows[name], min(far / FAR_ERROR, 1.0)) for name in (a, b))
-            seen, _, share = seen_alike(self.views[a], self.rows[a], own, other)
-            if seen >= LEAST_SEEN and share < CONTRADICTION:
+            clouds = {name: self._cloud(name, self.rows[name], min(far / FAR_ERROR, 1.0)) for name in (a, b)}
+            both = [seen_alike(self.views[one], self.rows[one], clouds[one], clouds[other]) for one, other in ((a, b), (b, a))]
+            # People whom one camera misses lower its share. A wrong camera lowers both.
+            share = max(share for _, _, share in both)
+            if min(seen for seen, _, _ in both) >= LEAST_SEEN and share < CONTRADICTION:
                 out.append(f"{a} and {b} see the same ground, but only {max(share, 0.0):.0%} of the people there agree: one of them is wrong")
         return out
 

@@ -49,7 +49,7 @@ from tracker.recordings.camera_json import camera_from, camera_to
 from tracker.recordings.clocks import FILE as TIMES
 from tracker.recordings.clocks import CameraClock, clock_fields, clock_from, read_times, uneven_clock, write_times
 from tracker.recordings.images import ImageFiles, ImageSource, VideoFile, image_sources
-from tracker.recordings.recording import MAX_FRAMES, STATURE, FrameBoxes, FrameVectors, Recording, RecordingCamera, RecordingRobot
+from tracker.recordings.recording import MAX_FRAMES, OF_BOXES, STATURE, FrameBoxes, FrameVectors, Recording, RecordingCamera, RecordingRobot
 from tracker.sequence.calibration import MAX_RATE, MIN_RATE, pose_from, pose_row
 from tracker.sequence.reader import odometry_from, read_robot_detections
 from tracker.sequence.schema import ODOMETRY, POSE, ROBOT_DETECTIONS
@@ -359,8 +359,10 @@ def _checksums(path: Path) -> dict[str, str]:
 def write_recording(folder: Path, recording: Recording) -> None:
     """Write a recording into an existing empty folder; read_recording reads the same. Images and videos are copied.
 
+    Of boxes of a frame that are equal in all, which readers take for one, the first is written.
     Raises ValueError for terrain that is neither flat nor a height map, and for a camera model that the format cannot hold.
     """
+    recording = _without_repeated_boxes(recording)
     content: dict[str, Any] = {"format": FORMAT, "rate": recording.rate, "frames": recording.frames}
     if recording.area is not None:
         content["area"] = np.asarray(recording.area).tolist()
@@ -393,6 +395,27 @@ def write_recording(folder: Path, recording: Recording) -> None:
         write_times(folder / TIMES, recording.clocks)
     for name, source in recording.images.items():
         _copy_images(folder, name, source)
+
+
+def _without_repeated_boxes(recording: Recording) -> Recording:
+    """The recording with each box of a frame once, and the vectors of those that are left."""
+    first: dict[str, dict[int, Ints]] = {name: {} for name in recording.detections}
+    for name, boxes in recording.detections.items():
+        for frame, (box, confidence) in boxes.items():
+            rows = np.sort(np.unique(np.column_stack([box, confidence]), axis=0, return_index=True)[1])
+            if len(rows) < len(box):
+                first[name][frame] = rows
+    if not any(first.values()):
+        return recording
+
+    def left(name: str, of: Mapping[int, Any]) -> dict[int, Any]:
+        rows = first.get(name, {})
+        return {f: tuple(part[rows[f]] for part in one) if isinstance(one, tuple) else one[rows[f]] for f, one in of.items() if f in rows}
+
+    changed: dict[str, Any] = {
+        kind: {name: {**of, **left(name, of)} for name, of in getattr(recording, kind).items()} for kind in ("detections", *OF_BOXES)
+    }
+    return replace(recording, **changed)
 
 
 def _write_of_boxes(folder: Path, ending: str, detections: Mapping[str, FrameBoxes], of_cameras: Mapping[str, FrameVectors]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -31,8 +32,12 @@ def test_two_cameras_of_known_lenses_from_the_command(tmp_path: Path) -> None:
     refused = pilsim("track", "room", "--out", "tracks", cwd=tmp_path)
     assert refused.returncode == 2
     assert "have no R and t; `pilsim calibrate` finds them" in refused.stderr
-    done = pilsim("calibrate", "room", "--out", "new", "--json", cwd=tmp_path)
+    done = pilsim("calibrate", "room", "--out", "new", "--json", "--page", "page.html", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
+    page = (tmp_path / "page.html").read_text()
+    assert ElementTree.fromstring(page.partition("\n")[2]).tag == "html"
+    assert page.count('<img src="data:image/png') == 1
+    assert "pilsim calibrate room --out new" in page
     said = json.loads(done.stdout)
     assert abs(said["cameras"]["C2"]["offset_s"] - 0.5) < 0.05
     assert read_recording(tmp_path / "new").frames == room.frames
@@ -43,9 +48,10 @@ def test_two_cameras_of_known_lenses_from_the_command(tmp_path: Path) -> None:
 @pytest.mark.command
 def test_what_is_not_known_is_told_and_the_guess_stands_beside(tmp_path: Path) -> None:
     written(tmp_path / "still", blind(walked_room(frames=60, speed=0.0).choose(["C1", "C2"]), intrinsics=True))
-    done = pilsim("calibrate", "still", "--out", "new", cwd=tmp_path)
+    done = pilsim("calibrate", "still", "--out", "new", "--page", "page.html", cwd=tmp_path)
     assert done.returncode == 3
     assert "not known: C" in done.stderr
+    assert "The data do not say enough" in (tmp_path / "page.html").read_text()
     assert not (tmp_path / "new").exists()
     assert (tmp_path / "new.guess" / "recording.json").is_file()
 

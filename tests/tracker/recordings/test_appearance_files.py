@@ -62,6 +62,17 @@ def test_bad_vectors_are_refused_in_a_line(tmp_path: Path, content: Array | byte
     assert message in str(error.value)
 
 
+def test_a_repeated_box_is_written_once_with_its_vectors(tmp_path: Path) -> None:
+    recording = small()
+    boxes = {f: (np.repeat(box, 2, axis=0), np.repeat(confidence, 2)) for f, (box, confidence) in recording.detections["C1"].items()}
+    twice = {frame: np.repeat(vectors, 2, axis=0) for frame, vectors in VECTORS.items()}
+    write_recording(tmp_path, replace(recording, detections={**recording.detections, "C1": boxes}, appearances={"C1": twice}))
+    again = read_recording(tmp_path)
+    for frame, vectors in VECTORS.items():
+        np.testing.assert_array_equal(again.appearances["C1"][frame], vectors)
+        np.testing.assert_array_equal(again.detections["C1"][frame][0], recording.detections["C1"][frame][0])
+
+
 def test_vectors_of_another_number_than_boxes_are_refused() -> None:
     with pytest.raises(ValueError, match=r"appearances of C1, frame 0, have shape \(2, 3\), needs \(1, d\)"):
         replace(small(), appearances={"C1": {0: np.ones((2, 3))}})
