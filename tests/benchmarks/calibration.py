@@ -1,7 +1,8 @@
 """Calibration from people alone, against the exact truth: rooms, halls and squares with 2 to 8 cameras, none of them calibrated.
 
 Real principal points are not in the middle of the image, and lenses bend lines a little: so do those here, by draws of LENS.
-Seeds below 10 were developed on.
+Seeds below 10 were developed on. `--each` prints a line of JSON for each run; `--plot FILE.png RUNS.jsonl …` draws errors of such lines
+against people, time, cameras, overlap and detector.
 """
 
 from __future__ import annotations
@@ -10,8 +11,10 @@ import argparse
 import json
 import time
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
+import matplotlib.figure
 import numpy as np
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
@@ -49,11 +52,16 @@ ROUGH, WAVE = (0.05, 0.15), 6.0
 
 @dataclass(frozen=True, eq=False)
 class Synthetic:
-    """A recording without calibration, its true cameras, and by how many s the clock of each is late."""
+    """A recording without calibration, its true cameras, and by how many s the clock of each is late.
+
+    people: at once, in the mean. overlap: of the other cameras, the share in whose images a person is whom one camera has in its own.
+    """
 
     recording: Recording
     cameras: dict[str, RecordingCamera]
     offsets: dict[str, float]
+    people: float = 0.0
+    overlap: float = 0.0
 
 
 def synthetic(kind: str, cameras: int, seed: int, seconds: float = 90.0, model: str = "fairmot", people: int | None = None) -> Synthetic:
@@ -81,7 +89,7 @@ def synthetic(kind: str, cameras: int, seed: int, seconds: float = 90.0, model: 
     heights = {k + 1: float(one) for k, one in enumerate(stature)}
     detections: dict[str, Any] = {}
     for name, camera in named.items():
-        places = {}
+        places: dict[int, tuple[Any, Array]] = {}
         for frame in range(frames):
             step = STEPS * (frame + slack) + late[name]
             here = np.flatnonzero(np.isfinite(walked.place[step]).all(axis=1))
@@ -89,7 +97,21 @@ def synthetic(kind: str, cameras: int, seed: int, seconds: float = 90.0, model: 
         seen = Recording(rate, {name: camera}, {name: {}}, places, frames=frames, ground=around.ground, pillars=around.pillars)
         detections |= simulated_detections(seen, TruePeople(places, {}, heights=heights), named_model(model), seed)
     blind = {name: unknown(camera) for name, camera in named.items()}
-    return Synthetic(Recording(rate, blind, detections, frames=frames), named, {name: k / STEPS / rate for name, k in late.items()})
+    everybody = np.concatenate([place for _, place in places.values()])
+    offsets = {name: k / STEPS / rate for name, k in late.items()}
+    return Synthetic(Recording(rate, blind, detections, frames=frames), named, offsets, len(everybody) / frames, overlap_of(named, everybody))
+
+
+def overlap_of(cameras: dict[str, RecordingCamera], people: Array) -> float:
+    """Of the other cameras, the share in whose images the feet (n, 3) m are that are in the image of one."""
+    inside = []
+    for camera in cameras.values():
+        ray = (people - camera.pose.translation) @ camera.pose.rotation
+        pixels, valid = camera.camera.pixels_from_bearings(ray / np.linalg.norm(ray, axis=1, keepdims=True))
+        size = [camera.camera.width, camera.camera.height]
+        inside.append(valid & (pixels > 0).all(axis=1) & (pixels < size).all(axis=1))
+    seen = np.sum(inside, axis=0)
+    return float((seen[seen > 0] - 1).mean() / max(len(cameras) - 1, 1))
 
 
 def off_centre(camera: Camera, rng: np.random.Generator) -> Camera:
@@ -222,8 +244,13 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--seconds", type=float, default=90.0)
     parser.add_argument("--model", default="fairmot")
+    parser.add_argument("--people", type=int, default=None, help="at once; drawn for each case by default")
     parser.add_argument("--each", action="store_true", help="a line of JSON for each run, too")
+    parser.add_argument("--plot", nargs="+", type=Path, metavar="FILE", help="draw FILE.png from lines of JSON in the other files")
     chosen = parser.parse_args()
+    if chosen.plot:
+        draw(chosen.plot[0], [json.loads(line) for path in chosen.plot[1:] for line in path.read_text().splitlines() if line.startswith("{")])
+        return
     print("kind, cameras: medians (90 %) of focal %, angle °, place %, offset s, scale %, NEES; s; runs: well, said unknown, wrong in silence")
     for kind in chosen.kinds.split(","):
         for count in map(int, chosen.cameras.split(",")):
@@ -233,10 +260,11 @@ def main() -> None:
 
 def run_of(kind: str, count: int, seed: int, chosen: argparse.Namespace) -> dict[str, Any]:
     """Errors of a run, processor time s, and what it says that it does not know."""
-    case = synthetic(kind, count, seed, chosen.seconds, chosen.model)
+    case = synthetic(kind, count, seed, chosen.seconds, chosen.model, chosen.people)
     began = time.process_time()
     found = calibrate(case.recording)
     run: dict[str, Any] = {"kind": kind, "cameras": count, "seed": seed, "s": time.process_time() - began, "problems": list(found.problems)}
+    run |= {"seconds": chosen.seconds, "model": chosen.model, "people": round(case.people, 1), "overlap": round(case.overlap, 3)}
     if len(found.cameras) > 1:
         run |= {name: np.round(values, 4).tolist() for name, values in errors(case, found).items()}
     if chosen.each:
@@ -252,6 +280,46 @@ def row_of(kind: str, count: int, runs: list[dict[str, Any]]) -> str:
     wrong = sum(max(run["silent"]) > 0 for run in well)
     seconds = np.median([run["s"] for run in runs])
     return f"{kind:7} {count}: {', '.join(figures)}; {seconds:.0f} s; {len(well)}, {len(runs) - len(well)}, {wrong}"
+
+
+PANELS = (
+    ("people", "people at once", (3, 6, 12, 24)),
+    ("seconds", "s", (30, 60, 120, 240)),
+    ("cameras", "cameras", ()),
+    ("overlap", "overlap", (0.25, 0.5, 0.75)),
+)
+"""Field of a run, its label, and the bounds of classes of it."""
+SHOWN = {"focal": "focal length %", "angle": "angle °", "place": "place %"}
+
+
+def draw(path: Path, runs: list[dict[str, Any]]) -> None:
+    """Medians, and quartiles as bars, of the errors of cameras against what they depend on, and of each detector; runs that say nothing is wrong."""
+    well = [run for run in runs if not run["problems"] and "focal" in run]
+    usual = [run for run in well if run["model"] == "fairmot"]
+    figure = matplotlib.figure.Figure(figsize=(15, 3.8), layout="constrained")
+    axes = figure.subplots(1, len(PANELS) + 1, sharey=True)
+    for panel, (field, label, bounds) in zip(axes, PANELS, strict=False):
+        of = [int(np.searchsorted(bounds, run[field], side="right")) if bounds else run[field] for run in usual]
+        groups = {k: [run for run, own in zip(usual, of, strict=True) if own == k] for k in sorted(set(of))}
+        _panel(panel, {np.mean([run[field] for run in group]): group for group in groups.values()}, label)
+        panel.set_xscale("linear" if field == "overlap" else "log")
+        panel.set_xticks(ticks := [float(f"{np.mean([run[field] for run in group]):.2g}") for group in groups.values()], [f"{t:g}" for t in ticks])
+        panel.minorticks_off()
+    models = sorted({run["model"] for run in well})
+    _panel(axes[-1], {k: [run for run in well if run["model"] == model] for k, model in enumerate(models)}, "detector")
+    axes[-1].set_xticks(range(len(models)), models)
+    axes[0].set_ylabel("error, median and quartiles")
+    axes[0].legend(frameon=False, fontsize=8)
+    figure.savefig(path, dpi=100)
+
+
+def _panel(axes: Any, groups: dict[Any, list[dict[str, Any]]], label: str) -> None:
+    for name, words in SHOWN.items():
+        low, middle, high = np.array([np.quantile(np.concatenate([run[name] for run in group]), [0.25, 0.5, 0.75]) for group in groups.values()]).T
+        axes.errorbar(list(groups), middle, (middle - low, high - middle), marker="o", markersize=4, linewidth=1, capsize=2, label=words)
+    axes.set_xlabel(label)
+    axes.set_yscale("log")
+    axes.grid(color="#e3e5e8", linewidth=0.6)
 
 
 if __name__ == "__main__":

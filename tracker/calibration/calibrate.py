@@ -313,7 +313,7 @@ class _Calibrator:
             self.problems.append(f"all people walk on one line ({size}), which leaves the turns of cameras about it open")
         self.problems += self._contradictions(adjusted)
         sigma = np.sqrt(np.abs(np.diag(adjusted.covariance))).reshape(-1, 11)
-        sigma[:, [PITCH, ROLL, YAW, X, Y]] = self._apart_from_scale(adjusted, names)
+        sigma[:, [PITCH, ROLL, YAW, X, Y]] = self._apart_from_frame(adjusted, names)
         for k, name in enumerate(names):
             distance = float(np.median(np.hypot(*(places - adjusted.rows[k, [X, Y]]).T)))
             if sigma[k, FOCAL] > MOST_SIGMA[FOCAL]:
@@ -324,23 +324,37 @@ class _Calibrator:
             elif np.hypot(*sigma[k, [X, Y]]) > MOST_PLACE * distance:
                 self.problems.append(f"{name}: its place is known to {np.hypot(*sigma[k, [X, Y]]):.2f} m only")
 
-    def _apart_from_scale(self, adjusted: Adjusted, names: list[str]) -> Array:
-        """Deviations (n, 5) of pitch, roll and yaw rad of the middle of each image, and of x, y m, against the camera that defines the world.
+    def _apart_from_frame(self, adjusted: Adjusted, names: list[str]) -> Array:
+        """Deviations (n, 5) of pitch, roll and yaw rad of the middle of each image, and of x, y m.
 
-        A principal point and the camera's turn are known together better than each. Where statures alone give the scale, it is left out.
+        A principal point and the camera's turn are known together better than each. Where a camera with a pose defines the world, deviations are
+        against it. Of two cameras they are against the first one, and the scale is left out where statures alone give it. Three or more are
+        compared after the best similarity of their places, as the frame of the first one is uncertain in all of them.
         """
-        T = np.zeros((len(names), 5, len(names), 11))
+        rows, n = adjusted.rows, len(names)
+        T = np.zeros((n, 5, n, 11))
         for k, name in enumerate(names):
-            lens, pitch = lens_of(self.views[name].camera, adjusted.rows[k]), float(adjusted.rows[k, PITCH])
+            lens, pitch = lens_of(self.views[name].camera, rows[k]), float(rows[k, PITCH])
             wide = lens.width / lens.fx if isinstance(lens, LensCamera) else 0.0
             T[k, range(5), k, [PITCH, ROLL, YAW, X, Y]] = 1.0
-            if not self._scaled():
-                T[k, 3:, :, HEIGHT] -= adjusted.rows[k, [X, Y], None] / len(names)
             T[k, :3, k, CX] = 0.0, wide * np.tan(pitch), wide / np.cos(pitch)
             T[k, 0, k, CY] = -wide
-        first = names.index(min(self.posed)) if self.posed else 0
-        T[:, 2] -= T[first, 2].copy()
-        variance = np.einsum("ij,jk,ik->i", flat := T.reshape(5 * len(names), -1), adjusted.covariance, flat)
+        if self.posed or n < 3:
+            first = names.index(min(self.posed)) if self.posed else 0
+            T[:, 2] -= T[first, 2].copy()
+            if not self._scaled():
+                T[:, 3:, :, HEIGHT] -= rows[:, [X, Y], None] / n
+        else:
+            high, apart = np.exp(rows[:, HEIGHT]), rows[:, [X, Y]] - rows[:, [X, Y]].mean(axis=0)
+            place = T[:, 3:] - T[:, 3:].mean(axis=0)
+            turn = np.einsum("k,kij->ij", apart[:, 0], place[:, 1]) - np.einsum("k,kij->ij", apart[:, 1], place[:, 0])
+            scale = np.einsum("kp,kpij->ij", apart, place)
+            scale[range(n), HEIGHT] += high**2
+            turn, scale = turn / np.maximum((apart**2).sum(), 1e-9), scale / ((apart**2).sum() + (high**2).sum())
+            T[:, 2] -= turn
+            across = np.column_stack([-apart[:, 1], apart[:, 0]])
+            T[:, 3:] = place - across[:, :, None, None] * turn - apart[:, :, None, None] * scale
+        variance = np.einsum("ij,jk,ik->i", flat := T.reshape(5 * n, -1), adjusted.covariance, flat)
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)).reshape(-1, 5))
 
 
