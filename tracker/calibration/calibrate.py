@@ -18,7 +18,7 @@ from tracker.calibration.adjustment import GLOBAL_PRIOR, ROUNDS, Adjusted, Prior
 from tracker.calibration.body import CX, CY, FOCAL, HEIGHT, K1, OFFSET, PITCH, ROLL, YAW, X, Y, angles_of, corner_of, lens_of, pose_of
 from tracker.calibration.boxes import linked_boxes
 from tracker.calibration.people import MOST, observations
-from tracker.calibration.refinement import changes, refine, unswapped
+from tracker.calibration.refinement import changes, moved_cameras, refine, unswapped
 from tracker.calibration.registration import FAR_ERROR, CameraBoxes, Cloud, Match, match, paths_of, seen_alike, steps_of
 from tracker.calibration.result import Calibration, Known
 from tracker.calibration.single_view import LEAST_BOXES, ROLL_SIGMA, STATURE, USUAL_FOCAL, USUAL_HEIGHT, SingleView, single_view
@@ -139,13 +139,17 @@ class _Calibrator:
         prior = self._prior(names)
         sigma = np.where((prior.sigma == 0) & (np.arange(11) > K1), np.inf, prior.sigma)
         sigma[:, FOCAL] = np.where([isinstance(self.views[name].camera, LensCamera) for name in names], USUAL_FOCAL[1], 0.0)
-        free = replace(prior, mean=given, sigma=sigma)
+        # Cameras that stay give the scale.
+        free = replace(prior, mean=given, sigma=sigma, body=np.where(np.arange(len(prior.body))[:, None] == 2, [STATURE, 0.2], prior.body))
+        rows, loose = moved_cameras({name: self.views[name] for name in names}, self.steps, given, free, lost)
         for tight in (1.3, 0.8):
-            seen = observations(self.views, self.rows, self.steps, tight)
-            refined = refine([self.views[name].camera for name in names], seen, given, free, lost)
-            self.rows = dict(zip(names, refined.adjusted.rows, strict=True))
+            seen = observations(self.views, dict(zip(names, rows, strict=True)), self.steps, tight)
+            refined = refine([self.views[name].camera for name in names], seen, (given, rows), free, (loose, lost))
+            rows = refined.adjusted.rows
+        self.rows = dict(zip(names, rows, strict=True))
         found = self._result(refined.adjusted, names)
-        unmoved = {name: self.recording.cameras[name] for name, moved in zip(names, refined.moved, strict=True) if not moved.any()}
+        moves = np.delete(refined.moved, OFFSET, axis=1)
+        unmoved = {name: self.recording.cameras[name] for name, moved in zip(names, moves, strict=True) if not moved.any()}
         return replace(found, cameras={**found.cameras, **unmoved}, moved_frame=False, changes=tuple(changes(names, given, refined)))
 
     def _contradictions(self, adjusted: Adjusted) -> list[str]:

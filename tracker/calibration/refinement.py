@@ -1,20 +1,23 @@
 """A given calibration refined: which cameras have moved, and by how much. What the data do not say stays as it is.
 
-All cameras stay at first. The camera against which the data speak most is let free, then the next one, as long as a test is significant. It is the
-score test (Rao 1948) with the covariance of clusters (Boos 1992). Of a camera that is free, parameters within their errors of what was given go back.
+All cameras stay at first. Each camera in turn is found anew among the others. The one whose parameters then differ most from what was given is let
+free, then the next one, as long as Wald's test is significant. Its covariance is that of clusters. A test at what was given would not find great
+errors: there, boxes of that camera are outliers, or its errors of boxes seem large. Parameters within their errors of what was given go back.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
 
-from tracker.calibration.adjustment import Adjusted, Prior, Problem
-from tracker.calibration.body import GLOBALS, HEIGHT, NAMES, PITCH, ROLL, YAW
-from tracker.calibration.people import Observations
+from tracker.calibration.adjustment import Adjusted, Prior, Problem, adjust
+from tracker.calibration.body import FOCAL, HEIGHT, NAMES, OFFSET, PITCH, ROLL, YAW, X, Y
+from tracker.calibration.people import Observations, observations
+from tracker.calibration.registration import CameraBoxes
+from tracker.calibration.single_view import single_view
 from tracker.geometry import Array, Mask
 from tracker.geometry.cameras import Camera
 from tracker.recordings import Recording
@@ -23,9 +26,15 @@ from tracker.recordings.calibration_feet import CalibrationCase
 
 SIGNIFICANCE = 1e-4
 """Probability of a test that finds something where nothing has moved, if errors are as they are modelled."""
+TESTED = 7
+"""Parameters of a camera that are tested: focal length, angles, place."""
 SIGMAS = 3.0
 """Deviations within which a parameter of a camera that has moved goes back to what was given."""
 ROUNDS = 12
+TIGHTER, FEW_ROUNDS, MOST = (2.0, 1.0), 8, 1200
+"""Factors of the errors within which tracklets are joined, steps of an adjustment, and most boxes, where a camera is found anew."""
+LIKE_OTHERS = 1.5
+"""Errors of edges over those of the usual camera, below which no other start is tried."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,58 +57,90 @@ def unswapped(recording: Recording) -> tuple[Recording, list[str]]:
     return replace(recording, cameras=cameras), [found[0].words]
 
 
-def refine(cameras: Sequence[Camera], seen: Observations, rows: Array, prior: Prior, free: Mask) -> Refined:
-    """Let those cameras move that have moved. prior: of all parameters, if they were free. free (cameras,): cameras that are not known at all."""
-    moved = np.zeros(rows.shape, dtype=bool)
-    usable = prior.sigma > 0
-    moved[free] = usable[free]
-    problem = Problem(cameras, seen, rows, prior)
-    problem.solve(ROUNDS // 2, _held(problem, moved))
-    problem.rescale()
-    while True:
-        _solved(problem, moved)
-        name = _worst(problem, moved, usable)
-        if name is None:
+def moved_cameras(views: Mapping[str, CameraBoxes], steps: int, rows: Array, free: Prior, lost: Mask) -> tuple[Array, Mask]:
+    """Parameters (cameras, 11) near the best ones, and which cameras (cameras,) have moved: at most half of them, as the others define the world.
+
+    rows: as given. free: prior of all parameters, if they were free. lost (cameras,): cameras that are not known at all.
+    """
+    found, moved = rows.copy(), lost.copy()
+    most = max(len(rows) // 2, 1)
+    while moved.sum() < most + lost.sum() and not moved.all():
+        tests = {int(k): _found_anew(views, steps, found, _free_alone(free, moved, int(k)), int(k)) for k in np.flatnonzero(~moved)}
+        worst = max(tests, key=lambda k: tests[k][0])
+        # Calibrations have errors of their own, and so have models of boxes: by these all cameras differ from what was given.
+        usual = max(float(np.quantile([one for one, _ in tests.values()], 0.5, method="lower")), 1.0) if len(tests) > 2 else 1.0
+        if tests[worst][0] <= usual * float(chi2.isf(SIGNIFICANCE, TESTED) / TESTED):
             break
-        moved[name] = usable[name]
-    found = _settled(problem, rows, moved, free)
-    return Refined(found, moved)
+        found, moved[worst] = tests[worst][1], True
+    return found, moved
 
 
-def _solved(problem: Problem, moved: Mask) -> None:
-    """Bring what may move to its best state."""
-    problem.solve(ROUNDS, _held(problem, moved))
-    problem.integrate(held=_held(problem, moved))
+def _free_alone(free: Prior, moved: Mask, k: int) -> Prior:
+    """The prior where cameras stay as they are but for those that have moved, and for camera k. Clocks are free."""
+    own = moved | (np.arange(len(moved)) == k)
+    sigma = np.where(own[:, None], free.sigma, 0.0)
+    sigma[:, OFFSET] = np.where(np.arange(len(own)) > 0, free.sigma[:, OFFSET], 0.0)
+    if own.all():
+        # Nothing else is left that defines the world.
+        sigma[k, [X, Y, YAW]] = 0.0
+    return replace(free, sigma=sigma)
 
 
-def _worst(problem: Problem, moved: Mask, usable: Mask) -> int | None:
-    """The camera against whose parameters the data speak most, of those that stay; None where none is significant."""
-    gradient, information, covariance, _ = problem.information(marginal=True)
-    flat = moved.ravel()[problem.free]
-    out = np.append(flat, np.ones(len(GLOBALS), dtype=bool))
-    best: tuple[float, int] | None = None
-    for k in range(len(usable)):
-        own = np.flatnonzero((problem.free // len(NAMES) == k) & ~flat)
-        if moved[k].any() or not len(own):
-            continue
-        # What is free follows: the gradient is that after its step.
-        follow = np.linalg.solve(information[np.ix_(out, out)], information[np.ix_(out, own)])
-        T = np.zeros((len(gradient), len(own)))
-        T[own, np.arange(len(own))] = 1.0
-        T[out] = -follow
-        score = T.T @ gradient
-        value = float(score @ np.linalg.pinv(T.T @ covariance @ T, hermitian=True) @ score)
-        excess = value / float(chi2.isf(SIGNIFICANCE, len(own)))
-        if excess > 1 and (best is None or excess > best[0]):
-            best = excess, k
-    return None if best is None else best[1]
+def _found_anew(views: Mapping[str, CameraBoxes], steps: int, rows: Array, prior: Prior, k: int) -> tuple[float, Array]:
+    """Wald's statistic of the parameters of camera k but its clock, over their number, and the parameters (cameras, 11) with it found anew."""
+    names, cameras = list(views), [view.camera for view in views.values()]
+    view = list(views.values())[k]
+    best: tuple[Adjusted, Observations] | None = None
+    for start in (rows[k], _by_itself(view, rows[k])):
+        tried = rows.copy()
+        tried[k] = start
+        for tight in TIGHTER:
+            seen = observations(views, dict(zip(names, tried, strict=True)), steps, tight, MOST)
+            adjusted = adjust(cameras, seen, tried, prior, FEW_ROUNDS, integrated=False)
+            tried = adjusted.rows
+        if best is None or adjusted.edges[k].max() < best[0].edges[k].max():
+            best = adjusted, seen
+        worst = best[0].edges.max(axis=1)
+        if worst[k] < LIKE_OTHERS * np.median(worst):
+            break
+    assert best is not None
+    found = adjust(cameras, best[1], best[0].rows, prior, FEW_ROUNDS)
+    own = np.setdiff1d(np.flatnonzero(prior.sigma[k] > 0), [OFFSET])
+    apart, at = (found.rows - rows)[k, own], k * len(NAMES) + own
+    value = float(apart @ np.linalg.pinv(found.covariance[np.ix_(at, at)], hermitian=True) @ apart)
+    return value / len(own), found.rows
 
 
-def _settled(problem: Problem, rows: Array, moved: Mask, free: Mask) -> Adjusted:
+def _by_itself(view: CameraBoxes, row: Array) -> Array:
+    """Parameters (11,) of a camera where it was given, which looks as its own boxes say."""
+    single = single_view(view.camera, view.table, False)
+    return row if single is None else np.where(np.isin(np.arange(len(row)), [FOCAL, PITCH, ROLL, HEIGHT]), single.row, row)
+
+
+def refine(cameras: Sequence[Camera], seen: Observations, rows: tuple[Array, Array], prior: Prior, moved: tuple[Mask, Mask]) -> Refined:
+    """Adjust the cameras that have moved.
+
+    rows: parameters (cameras, 11) as given, and near the best ones. prior: as moved_cameras has it. moved: which cameras (cameras,) have, and which
+    of them are not known at all.
+    """
+    free = moved[0][:, None] & (prior.sigma > 0)
+    free[1:, OFFSET] = True
+    if moved[0].all():
+        free[0, [X, Y, YAW]] = False
+    free[0, OFFSET] = False
+    problem = Problem(cameras, seen, rows[1], prior)
+    problem.solve(ROUNDS // 2, _held(problem, free))
+    problem.rescale()
+    problem.solve(ROUNDS, _held(problem, free))
+    problem.integrate(held=_held(problem, free))
+    return Refined(_settled(problem, rows[0], free, moved[1]), free)
+
+
+def _settled(problem: Problem, rows: Array, moved: Mask, lost: Mask) -> Adjusted:
     """The state after parameters of moved cameras that are within their errors went back; `moved` is changed."""
     for _ in range(int(moved.sum())):
         sigma = np.sqrt(np.diag(problem.covariance(_held(problem, moved)))).reshape(moved.shape)
-        ratio = np.where(moved & ~free[:, None], np.abs(problem.rows - rows) / np.maximum(sigma, 1e-12), np.inf)
+        ratio = np.where(moved & ~lost[:, None], np.abs(problem.rows - rows) / np.maximum(sigma, 1e-12), np.inf)
         if ratio.min() >= SIGMAS:
             break
         back = np.unravel_index(int(np.argmin(ratio)), ratio.shape)

@@ -1,11 +1,17 @@
-"""Cameras whose calibrations are swapped get their own before anything else is refined; right ones stay."""
+"""Cameras whose calibrations are swapped get their own before anything else is refined; one that has moved is put right; right ones stay."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+import pytest
+
 from tests.tracker.recordings.walked_room import walked_room
+from tracker.calibration import Known, calibrate
+from tracker.calibration.body import angles_of, rotation_of
 from tracker.calibration.refinement import unswapped
+from tracker.geometry import Pose
 
 
 def test_swapped_cameras_get_their_own_calibration() -> None:
@@ -16,3 +22,21 @@ def test_swapped_cameras_get_their_own_calibration() -> None:
     assert len(told) == 1
     assert "C1 and C2 are swapped" in told[0]
     assert unswapped(room) == (room, [])
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("degrees", [0.0, 3.0])
+def test_a_camera_that_has_moved_is_put_right_and_no_other(degrees: float) -> None:
+    room = replace(walked_room(frames=240), truth=None)
+    right = room.cameras["C2"]
+    pitch, roll, yaw = angles_of(right.pose.rotation)
+    tilted = replace(right, pose=Pose(rotation_of(pitch + np.radians(degrees), roll, yaw), right.pose.translation))
+    found = calibrate(replace(room, cameras={**room.cameras, "C2": tilted}), Known(refine=True))
+    assert not found.problems
+    assert all(found.cameras[name] is camera for name, camera in room.cameras.items() if name != "C2")
+    if not degrees:
+        assert not found.changes
+        assert found.cameras["C2"] is tilted
+        return
+    assert all(line.startswith("C2: ") for line in found.changes)
+    assert np.degrees(np.abs(np.array(angles_of(found.cameras["C2"].pose.rotation)) - [pitch, roll, yaw]).max()) < 0.3
