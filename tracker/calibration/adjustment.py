@@ -14,7 +14,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
-from tracker.calibration.body import CX, CY, EDGES, GLOBALS, HEIGHT, K1, MEAN_STATURE, NAMES, OF_BOXES, OFFSET, boxes_of, ground_places
+from tracker.calibration.body import CX, CY, EDGES, FOCAL, GLOBALS, HEIGHT, K1, MEAN_STATURE, NAMES, OF_BOXES, OFFSET, boxes_of, ground_places
 from tracker.calibration.marginal import PeoplesPaths, local_covariances
 from tracker.calibration.people import Observations
 from tracker.calibration.single_view import SPREAD, STATURE
@@ -48,6 +48,10 @@ BIAS = 0.005
 """Deviation of errors that all boxes of one camera have: of an edge, and of its change by the doubling of the height. A share of the height."""
 INTEGRATED, STEADY, PART = 7, 1e-4, 0.6
 """Steps with paths integrated out, their damping, and the part of them that is made, as smoothness and steps would swing each other."""
+CELL = 5.0
+"""m: side of places where errors of boxes are alike."""
+FARTHEST_STEP = 0.3
+"""Of the logarithm of a focal length or a height: a longer step with paths integrated out leaves where the equations hold, and none is made."""
 DAMPING, LEAST = 1e-3, 1e-6
 """Of the first step; and what keeps people whose boxes all have no pixel from making a matrix singular."""
 
@@ -357,7 +361,10 @@ class Problem:
             self.smoothing *= float(np.sqrt(max(float(system["decided"]), 1.0) / max(float((rough**2).sum()), 1e-9)) ** PART)
             self.rescale(system["lever"])
             camera, people = self._step(system, STEADY, moving)
-            state = self._moved(state, (PART * camera, PART * people))
+            moved = self._moved(state, (PART * camera, PART * people))
+            if not (np.abs(moved[0] - state[0])[:, [FOCAL, HEIGHT]] < FARTHEST_STEP).all():
+                break
+            state = moved
             self.rows, self.body, self.stature, self.place = state
 
     @staticmethod
@@ -378,7 +385,8 @@ class Problem:
         The fourth (p, errors) is the part of the gradient by each of the errors of lenses, of one standard deviation.
 
         marginal: whether the gradient is that of the marginal density, which `integrate` brings to 0.
-        The covariance holds what boxes of a person in a camera have in common, and errors that all boxes of a camera may have.
+        The covariance holds what boxes of a person in a camera have in common, and what boxes at one place have, as where ground rises.
+        It also holds errors that all boxes of a camera may have.
         """
         state = self.rows, self.body, self.stature, self.place
         weight = self.weights()
@@ -392,13 +400,23 @@ class Problem:
         H, gradient = system["A"] - system["B"].T @ X[:, :-1], system["a"] - system["B"].T @ X[:, -1]
         reduced = system["J"] - system["K"] @ X[:, :-1]
         s = self.seen
-        chunk = np.unique(np.column_stack([s.view, s.person]), axis=0, return_inverse=True)[1].ravel()
-        score = np.zeros((int(chunk.max()) + 1, reduced.shape[1]))
-        np.add.at(score, np.repeat(chunk, 3), reduced * system["r"][:, None])
+        each = (reduced * system["r"][:, None]).reshape(len(s.view), 3, -1).sum(axis=1)
+        at, share = self._at(state[0])
+        cell = np.floor(((1 - share)[:, None] * state[3][at] + share[:, None] * state[3][at + 1]) / CELL).astype(np.int64)
+
+        def clusters(*of: Array | Ints) -> Array:
+            chunk = np.unique(np.column_stack([s.view, *of]), axis=0, return_inverse=True)[1].ravel()
+            score = np.zeros((int(chunk.max()) + 1, each.shape[1]))
+            np.add.at(score, chunk, each)
+            return np.asarray(score.T @ score)
+
+        # Two ways of clustering (Cameron, Gelbach and Miller 2011): what errors have in common at a place is more than that of one person there.
+        values, vectors = np.linalg.eigh(clusters(cell) - clusters(cell, s.person))
+        placed = np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
         common, lens = (reduced.T @ errors / np.sqrt(bend) for errors in (self._common_errors(state), self._lens_errors(state)))
         # So few people tell little of how much people differ: the variance of Student's t, with as many degrees of freedom.
         few = self.people / (self.people - 2) if self.people > LEAST_PEOPLE else LEAST_PEOPLE
-        return gradient, H, few * score.T @ score + (H - reduced.T @ reduced) + common @ common.T + lens @ lens.T, lens
+        return gradient, H, few * clusters(s.person) + placed + (H - reduced.T @ reduced) + common @ common.T + lens @ lens.T, lens
 
     def covariance(self, held: Mask | None = None) -> Array:
         """Covariance (cameras · 11, same) of the parameters but those `held` (free,), which are known."""
@@ -440,7 +458,7 @@ class Problem:
         root = 1 / np.sqrt(1 + (r * r).sum(axis=1) / CAUCHY**2)
         high = self.seen.box[:, 2] - self.seen.box[:, 1]
         out = []
-        for own in self.of_view:
+        for own in filter(len, self.of_view):
             size = np.log2(high[own])
             for edge in (1, 2):
                 for form in (np.full(len(own), BIAS), BIAS * (size - size.mean())):

@@ -32,7 +32,7 @@ MOST_SIGMA = {FOCAL: 0.1, PITCH: np.radians(2.0), ROLL: np.radians(2.0), YAW: np
 """Deviations above which a parameter counts as not known."""
 MOST_PLACE = 0.12
 """The same of a place, as a share of the median distance of people."""
-LEAST_SEEN, CONTRADICTION = 100, 0.2
+LEAST_SEEN, CONTRADICTION = 100, 0.15
 """Places of people that two cameras should see, and the share of agreement below which they contradict each other."""
 MOST_EDGE, WITHIN = 0.1, 2.0
 """Error of a box's edge, a share of its height, that no detector of people has. Errors within which places of one person agree."""

@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from tests.benchmarks.calibration import synthetic
 from tests.commands import pilsim
 from tests.tracker.calibration.blind_room import blind, late, place_errors, tilt_errors, walked_room
 from tests.tracker.recordings.walked_room import LENS
@@ -81,3 +82,11 @@ def test_stated_deviations_hold_principal_points_off_the_middle() -> None:
         assert np.allclose(sigma[[CX, CY]], 0.02)
     tilt = np.radians(tilt_errors(found, room))
     assert (np.abs(tilt) < 3 * np.array([found.sigma[name][[PITCH, ROLL]] for name in found.cameras])).all()
+
+
+@pytest.mark.soak
+def test_uneven_ground_ends_in_no_error() -> None:
+    """Steps with paths integrated out led to focal lengths beyond all bounds here."""
+    found = calibrate(synthetic("uneven", 4, 40).recording)
+    assert np.isfinite(found.rows).all()
+    assert np.isfinite(found.covariance).all()
