@@ -51,7 +51,7 @@ INTEGRATED, STEADY, PART = 7, 1e-4, 0.6
 CELL = 5.0
 """m: side of places where errors of boxes are alike."""
 FARTHEST_STEP = 0.3
-"""Of the logarithm of a focal length or a height: a longer step with paths integrated out leaves where the equations hold, and none is made."""
+"""Of the logarithm of a focal length or a height. Steps with paths integrated out end where one would be longer: its equations do not hold so far."""
 DAMPING, LEAST = 1e-3, 1e-6
 """Of the first step; and what keeps people whose boxes all have no pixel from making a matrix singular."""
 
