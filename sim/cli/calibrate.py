@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -16,6 +17,7 @@ from tracker.options import Ending
 
 if TYPE_CHECKING:
     from tracker.calibration import Calibration, Known
+    from tracker.geometry import Array
     from tracker.recordings import Recording
 
 UNKNOWN = 3
@@ -145,22 +147,38 @@ class Calibrate:
         with new_folder(folder) as part:
             write_recording(part, whole)
             write_text(part / "calibrated.json", json_text(found.to_json(), indent=1) + "\n")
+        paths = tuple(place for _, place in found.paths.values())
         if self.picture is not None:
-            from sim.visualization.calibration_picture import draw_calibration
-            from tracker.recordings.calibration_check import check_calibration
-
-            draw_calibration(whole, check_calibration(whole), self.picture, tuple(place for _, place in found.paths.values()))
+            _draw(whole, self.picture, paths)
         if self.page is not None:
             from sim.report.calibration_page import write_calibration_page
 
             placed = all("pose" not in camera.unknown for camera in recording.fixed.values())
+            pictures = ({"Before": _drawn(recording, ())} if placed else {}) | {"After": _drawn(whole, paths)}
             command = command_line(self, ("picture", "page", "json"), repeated=("height", "distance", "detections"))
-            write_calibration_page(self.page, found, (recording if placed else None, whole), command)
+            write_calibration_page(self.page, found, pictures, command)
         if self.json:
             print(json_text({"out": str(folder)} | found.to_json(), indent=1))
         else:
             moved = found.changes or (["nothing has moved beyond its errors"] if self.from_ == "current" else [])
             print("\n".join([*found.lines(), *moved, f"{folder}: {len(found.cameras)} cameras; `pilsim track {folder}` reads it"]))
+
+
+def _draw(recording: Recording, path: Path, paths: tuple[Array, ...]) -> str:
+    """Draw the calibration of a recording. Returns what `check` says of it."""
+    from sim.visualization.calibration_picture import draw_calibration
+    from tracker.recordings.calibration_check import check_calibration
+
+    report = check_calibration(recording)
+    draw_calibration(recording, report, path, paths)
+    return " ".join(f"{finding.words}." for finding in report.findings[:3]) or "Nothing looks wrong."
+
+
+def _drawn(recording: Recording, paths: tuple[Array, ...]) -> tuple[str, bytes]:
+    """The same with the bytes of the picture, which is not kept."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "calibration.png"
+        return _draw(recording, path, paths), path.read_bytes()
 
 
 def _length(option: str, text: str) -> tuple[str, float]:

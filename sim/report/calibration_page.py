@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,15 +10,11 @@ import numpy as np
 
 from sim.report.findings import plural
 from sim.report.page import PageMoment, PageTable, Picture, render
-from sim.visualization.calibration_picture import draw_calibration
 from tracker.calibration import Calibration
 from tracker.calibration.body import FOCAL, HEIGHT, OFFSET, PITCH, ROLL, YAW, X, Y
-from tracker.geometry import Array
 from tracker.geometry.cameras import LensCamera
 from tracker.io.atomic import write_text
 from tracker.io.image_files import image_size
-from tracker.recordings import Recording
-from tracker.recordings.calibration_check import check_calibration
 
 GLOSSARY = (
     ("±", "one standard deviation, from the curvature of the posterior density. Errors of detectors and of lenses are part of it."),
@@ -43,11 +39,8 @@ FIGURES = {
 }
 
 
-def write_calibration_page(target: Path, found: Calibration, recordings: tuple[Recording | None, Recording], command: str) -> None:
-    """Write the page. recordings: with the calibration that was there before, or None, and with the one that was found."""
-    before, after = recordings
-    paths = tuple(place for _, place in found.paths.values())
-    moments = [] if before is None else [_moment("Before", before, ())]
+def write_calibration_page(target: Path, found: Calibration, pictures: Mapping[str, tuple[str, bytes]], command: str) -> None:
+    """Write the page. pictures: heading → what `check` says of that calibration, and its picture, the bytes of a PNG file."""
     changes = [*(("Not known", line) for line in found.problems), *(("Changed", line) for line in found.changes)]
     names: dict[str, Any] = {
         "title": f"Calibration: {', '.join(found.cameras)}",
@@ -57,7 +50,7 @@ def write_calibration_page(target: Path, found: Calibration, recordings: tuple[R
         "headings": HEADINGS,
         "summary": [("What was found", _summary(found)), *changes],
         "about_moments": ABOUT_PICTURES,
-        "moments": [*moments, _moment("After", after, paths)],
+        "moments": [_moment(heading, *of) for heading, of in pictures.items()],
         "tables": [("Cameras", [_cameras(found)]), ("Fit", [_fit(found)])],
         "glossary": GLOSSARY,
         "about_commands": "The same command makes the same calibration.",
@@ -107,13 +100,6 @@ def _fit(found: Calibration) -> PageTable:
     return PageTable("Figures of the adjustment", ("figure", "value"), tuple(body))
 
 
-def _moment(heading: str, recording: Recording, paths: tuple[Array, ...]) -> PageMoment:
-    """The picture of a calibration, as draw_calibration makes it."""
-    report = check_calibration(recording)
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "calibration.png"
-        draw_calibration(recording, report, path, paths)
-        data = path.read_bytes()
+def _moment(heading: str, sentence: str, data: bytes) -> PageMoment:
     height, width = image_size(data) or (0, 0)
-    sentence = " ".join(f"{finding.words}." for finding in report.findings[:3]) or "Nothing looks wrong."
     return PageMoment(heading, sentence, (Picture(data, width, height, "png"),), (f"{heading}: plan and views of the cameras",), ())
