@@ -71,9 +71,8 @@ def _summary(found: Calibration) -> str:
     sigma = np.array(list(found.sigma.values()))
     if not sigma.any():
         return "Nothing has moved beyond its errors: the cameras are as they were given."
-    place = np.sqrt((sigma[:, [X, Y]] ** 2).sum(axis=1) + (np.exp(found.rows[:, HEIGHT]) * sigma[:, HEIGHT]) ** 2)
-    angle = np.degrees(sigma[:, [PITCH, ROLL, YAW]].max())
-    return f"Deviations are at most {sigma[:, FOCAL].max():.1%} of a focal length, {angle:.1f}° of an angle, {place.max():.2f} m of a place."
+    angle, place = np.degrees(sigma[:, [PITCH, ROLL, YAW]].max()), found.place_sigma.max()
+    return f"Deviations are at most {sigma[:, FOCAL].max():.1%} of a focal length, {angle:.1f}° of an angle, {place:.2f} m of a place."
 
 
 def _cell(value: float, sigma: float, form: str = ".2f") -> str:

@@ -68,7 +68,7 @@ COLUMNS = (
     ("mota", "MOTA", 3), ("idf1", "IDF1", 3), ("hota", "HOTA", 3), ("misses", "misses", 0), ("false_positives", "false", 0),
     ("switches", "switches", 0), ("ate_m", "ATE [m]", 3),
 )  # fmt: skip
-OPTIONAL_PARTS = ("worst_figures", "overview_figures", "sweeps", "moments", "failed", "failed_unlisted", "causes", "provenance")
+OPTIONAL_PARTS = ("worst_figures", "overview_figures", "sweeps", "moments", "failed", "failed_unlisted", "causes", "provenance", "plots_beside")
 """Names that the template uses and that a page may leave out."""
 HEADINGS = {
     "moments": "Worst moments",
@@ -273,6 +273,7 @@ def _names(content: PageContent) -> dict[str, Any]:
         "commands": "\n".join([*dict.fromkeys(row.command for row in rows.rows), f"pilsim report {rows.folder}"]),
         "about_commands": ABOUT_COMMANDS,
         "provenance": _provenance(rows),
+        "plots_beside": True,
         "made_by": "pilsim report",
         "made_from": plural(len(rows.rows), "run"),
     }

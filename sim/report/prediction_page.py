@@ -91,6 +91,7 @@ def _names(path: Path, record: PredictionRecord, figures: dict[str, PageFigure])
         "about_commands": ABOUT_COMMANDS,
         "commands": f"{record.command} --out {path.name}\npilsim report {path.name}",
         "provenance": _provenance(record),
+        "plots_beside": True,
         "made_by": "pilsim report",
         "made_from": f"{plural(len(record.seeds), 'twin')} a detector",
     }

@@ -134,6 +134,7 @@ def _names(plan: SearchPlan, found: TunedResult, figures: dict[str, PageFigure])
         "glossary": GLOSSARY,
         "about_commands": "The same command continues the search. With one worker, it makes the same trials in another folder.",
         "commands": _command(plan),
+        "plots_beside": True,
         "made_by": "pilsim tune",
         "made_from": plural(found.trials, "trial"),
     }  # fmt: skip

@@ -304,10 +304,11 @@ def draw(path: Path, runs: list[dict[str, Any]]) -> None:
         _panel(panel, {np.mean([run[field] for run in group]): group for group in groups.values()}, label)
         panel.set_xscale("linear" if field == "overlap" else "log")
         panel.set_xticks(ticks := [float(f"{np.mean([run[field] for run in group]):.2g}") for group in groups.values()], [f"{t:g}" for t in ticks])
-        panel.minorticks_off()
+        panel.set_xticks([], minor=True)
     models = sorted({run["model"] for run in well})
     _panel(axes[-1], {k: [run for run in well if run["model"] == model] for k, model in enumerate(models)}, "detector")
     axes[-1].set_xticks(range(len(models)), models)
+    axes[-1].margins(x=0.3)
     axes[0].set_ylabel("error, median and quartiles")
     axes[0].legend(frameon=False, fontsize=8)
     figure.savefig(path, dpi=100)
@@ -319,6 +320,8 @@ def _panel(axes: Any, groups: dict[Any, list[dict[str, Any]]], label: str) -> No
         axes.errorbar(list(groups), middle, (middle - low, high - middle), marker="o", markersize=4, linewidth=1, capsize=2, label=words)
     axes.set_xlabel(label)
     axes.set_yscale("log")
+    axes.set_yticks(ticks := [0.2, 0.5, 1.0, 2.0, 5.0, 10.0], [f"{t:g}" for t in ticks])
+    axes.set_yticks([], minor=True)
     axes.grid(color="#e3e5e8", linewidth=0.6)
 
 

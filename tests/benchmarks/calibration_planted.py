@@ -77,14 +77,13 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=90.0)
     chosen = parser.parse_args()
     case = published(chosen.row) if chosen.row else synthetic(chosen.kind, chosen.cameras, chosen.seed, chosen.seconds)
-    first, second, *others = case.cameras
-    others.insert(0, first)
+    first, second, *rest = case.cameras
     for error in chosen.errors:
         for size in SIZES[error]:
             began = time.process_time()
             found = calibrate(planted(case, error, size), Known(refine=True))
             said = "; ".join([*found.changes, *found.problems])
-            print(f"{error} {size:g}: {second} {left(case, found.cameras, [second])}, others {left(case, found.cameras, others)}, "
+            print(f"{error} {size:g}: {second} {left(case, found.cameras, [second])}, others {left(case, found.cameras, [first, *rest])}, "
                   f"{time.process_time() - began:.0f} s; {said or 'nothing'}", flush=True)  # fmt: skip
 
 

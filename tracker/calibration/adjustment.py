@@ -153,13 +153,16 @@ class Problem:
         data = np.repeat([scale, -2 * scale, scale], n)
         return sparse.csr_matrix((data, (np.tile(i, 3), np.concatenate([middle - 1, middle, middle + 1]))), (n, self.knots))
 
+    def _places(self, rows: Array, place: Array) -> Array:
+        """Places (n, 2) m of the person of each observation."""
+        at, share = self._at(rows)
+        return np.asarray((1 - share)[:, None] * place[at] + share[:, None] * place[at + 1])
+
     def predicted(self, state: State, moved: tuple[str, int] = ("", 0), step: float = 0.0) -> Array:
         """Boxes (n, 3) px. moved: a quantity that is changed by `step`: a parameter of all cameras, the body, places or statures."""
         rows, body, stature, place = state
         s = self.seen
-        at, share = self._at(rows)
-        xy = (1 - share)[:, None] * place[at] + share[:, None] * place[at + 1]
-        tall = stature[s.person]
+        xy, tall = self._places(rows, place), stature[s.person]
         kind, index = moved
         if kind == "place":
             xy[:, index] += step
@@ -379,12 +382,10 @@ class Problem:
         camera[moving] = -np.linalg.solve(S[np.ix_(moving, moving)] + 1e-12 * np.eye(int(moving.sum())) * np.trace(S), right[moving])
         return camera, -(X[:, -1] + X[:, :-1] @ camera)
 
-    def information(self, marginal: bool = False) -> tuple[Array, Array, Array, Array]:
-        """Of the free parameters and the bodies, people eliminated: gradient (p,), information (p, p), and covariance (p, p) of the gradient.
+    def information(self) -> tuple[Array, Array, Array]:
+        """Of the free parameters and the bodies, people eliminated: information (p, p), and covariance (p, p) of the gradient.
 
-        The fourth (p, errors) is the part of the gradient by each of the errors of lenses, of one standard deviation.
-
-        marginal: whether the gradient is that of the marginal density, which `integrate` brings to 0.
+        The third (p, errors) is the part of the gradient by each of the errors of lenses, of one standard deviation.
         The covariance holds what boxes of a person in a camera have in common, and what boxes at one place have, as where ground rises.
         It also holds errors that all boxes of a camera may have.
         """
@@ -394,15 +395,11 @@ class Problem:
         # The derivative of Cauchy's score is less than its weight (Huber 1981, section 6.5), in the mean over the three edges by this factor.
         bend = max(1 - 2 / 3 * float((weight**2 * square).sum() / weight.sum()) / CAUCHY**2, 0.2)
         system = self._system(state, bend)
-        if marginal:
-            system = self._with_marginal(state, system)
-        X = _factor(system["C"]).solve(np.column_stack([system["B"], system["c"]]))
-        H, gradient = system["A"] - system["B"].T @ X[:, :-1], system["a"] - system["B"].T @ X[:, -1]
-        reduced = system["J"] - system["K"] @ X[:, :-1]
+        X = _factor(system["C"]).solve(system["B"])
+        H, reduced = system["A"] - system["B"].T @ X, system["J"] - system["K"] @ X
         s = self.seen
         each = (reduced * system["r"][:, None]).reshape(len(s.view), 3, -1).sum(axis=1)
-        at, share = self._at(state[0])
-        cell = np.floor(((1 - share)[:, None] * state[3][at] + share[:, None] * state[3][at + 1]) / CELL).astype(np.int64)
+        cell = np.floor(self._places(self.rows, self.place) / CELL).astype(np.int64)
 
         def clusters(*of: Array | Ints) -> Array:
             chunk = np.unique(np.column_stack([s.view, *of]), axis=0, return_inverse=True)[1].ravel()
@@ -416,13 +413,13 @@ class Problem:
         common, lens = (reduced.T @ errors / np.sqrt(bend) for errors in (self._common_errors(state), self._lens_errors(state)))
         # So few people tell little of how much people differ: the variance of Student's t, with as many degrees of freedom.
         few = self.people / (self.people - 2) if self.people > LEAST_PEOPLE else LEAST_PEOPLE
-        return gradient, H, few * clusters(s.person) + placed + (H - reduced.T @ reduced) + common @ common.T + lens @ lens.T, lens
+        return H, few * clusters(s.person) + placed + (H - reduced.T @ reduced) + common @ common.T + lens @ lens.T, lens
 
     def covariance(self, held: Mask | None = None) -> Array:
         """Covariance (cameras · 11, same) of the parameters but those `held` (free,), which are known."""
         moving = np.ones(len(self.free), dtype=bool) if held is None else ~held
         own = np.flatnonzero(np.append(moving, np.ones(len(GLOBALS), dtype=bool)))
-        _, information, meat, lens = self.information()
+        information, meat, lens = self.information()
         inverse = np.linalg.pinv(information[np.ix_(own, own)], hermitian=True)
         found, at = inverse @ meat[np.ix_(own, own)] @ inverse, self.free[moving]
         out = np.zeros((self.rows.size, self.rows.size))

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from tracker.calibration.adjustment import GLOBAL_PRIOR, ROUNDS, Adjusted, Prior, adjust
-from tracker.calibration.body import CX, CY, FOCAL, HEIGHT, K1, OFFSET, PITCH, ROLL, YAW, X, Y, angles_of, corner_of, lens_of, pose_of
+from tracker.calibration.body import CX, CY, FOCAL, HEIGHT, K1, MEAN_STATURE, OFFSET, PITCH, ROLL, YAW, X, Y, angles_of, corner_of, lens_of, pose_of
 from tracker.calibration.boxes import linked_boxes
 from tracker.calibration.people import MOST, observations
 from tracker.calibration.refinement import changes, moved_cameras, refine, unswapped
@@ -139,8 +139,9 @@ class _Calibrator:
         prior = self._prior(names)
         sigma = np.where((prior.sigma == 0) & (np.arange(11) > K1), np.inf, prior.sigma)
         sigma[:, FOCAL] = np.where([isinstance(self.views[name].camera, LensCamera) for name in names], USUAL_FOCAL[1], 0.0)
-        # Cameras that stay give the scale.
-        free = replace(prior, mean=given, sigma=sigma, body=np.where(np.arange(len(prior.body))[:, None] == 2, [STATURE, 0.2], prior.body))
+        body = prior.body.copy()
+        body[MEAN_STATURE] = STATURE, 0.2  # Cameras that stay give the scale.
+        free = replace(prior, mean=given, sigma=sigma, body=body)
         rows, loose = moved_cameras({name: self.views[name] for name in names}, self.steps, given, free, lost)
         for tight in (1.3, 0.8):
             seen = observations(self.views, dict(zip(names, rows, strict=True)), self.steps, tight)
@@ -257,7 +258,8 @@ class _Calibrator:
         if not self.posed & set(names):
             sigma[0, [X, Y, YAW, OFFSET]] = 0.0
         body = GLOBAL_PRIOR.copy()
-        body[2] = (STATURE, 0.2) if self.known.stature is None else (self.known.stature, body[2, 1] if not self._scaled() else 0.1)
+        usual = body[MEAN_STATURE, 1] if not self._scaled() else 0.1
+        body[MEAN_STATURE] = (STATURE, 0.2) if self.known.stature is None else (self.known.stature, usual)
         index = {name: k for k, name in enumerate(names)}
         far = tuple((index[a], index[b], m, 0.005 * m) for (a, b), m in self.known.distances.items() if a in index and b in index)
         return Prior(mean, sigma, body, far, lens[:, [CX, CY, K1]])

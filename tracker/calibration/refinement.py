@@ -65,7 +65,7 @@ def moved_cameras(views: Mapping[str, CameraBoxes], steps: int, rows: Array, fre
     found, moved = rows.copy(), lost.copy()
     most = max(len(rows) // 2, 1)
     while moved.sum() < most + lost.sum() and not moved.all():
-        tests = {int(k): _found_anew(views, steps, found, _free_alone(free, moved, int(k)), int(k)) for k in np.flatnonzero(~moved)}
+        tests = {int(k): _found_anew(views, steps, found, _alone(free, moved, int(k)), int(k)) for k in np.flatnonzero(~moved)}
         worst = max(tests, key=lambda k: tests[k][0])
         # Calibrations have errors of their own, and so have models of boxes: by these all cameras differ from what was given.
         usual = max(float(np.quantile([one for one, _ in tests.values()], 0.5, method="lower")), 1.0) if len(tests) > 2 else 1.0
@@ -75,15 +75,22 @@ def moved_cameras(views: Mapping[str, CameraBoxes], steps: int, rows: Array, fre
     return found, moved
 
 
-def _free_alone(free: Prior, moved: Mask, k: int) -> Prior:
-    """The prior where cameras stay as they are but for those that have moved, and for camera k. Clocks are free."""
-    own = moved | (np.arange(len(moved)) == k)
-    sigma = np.where(own[:, None], free.sigma, 0.0)
-    sigma[:, OFFSET] = np.where(np.arange(len(own)) > 0, free.sigma[:, OFFSET], 0.0)
-    if own.all():
-        # Nothing else is left that defines the world.
-        sigma[k, [X, Y, YAW]] = 0.0
-    return replace(free, sigma=sigma)
+def _free(prior: Prior, moved: Mask) -> Mask:
+    """Parameters (cameras, 11) that are free where these cameras (cameras,) have moved: all of theirs, and the clocks of all but the first.
+
+    Where all have moved, the first one defines the world.
+    """
+    free = moved[:, None] & (prior.sigma > 0)
+    free[1:, OFFSET] = True
+    if moved.all():
+        free[0, [X, Y, YAW]] = False
+    free[0, OFFSET] = False
+    return free
+
+
+def _alone(prior: Prior, moved: Mask, k: int) -> Prior:
+    """The prior where cameras stay as they are but for those that have moved, and for camera k."""
+    return replace(prior, sigma=np.where(_free(prior, moved | (np.arange(len(moved)) == k)), prior.sigma, 0.0))
 
 
 def _found_anew(views: Mapping[str, CameraBoxes], steps: int, rows: Array, prior: Prior, k: int) -> tuple[float, Array]:
@@ -123,11 +130,7 @@ def refine(cameras: Sequence[Camera], seen: Observations, rows: tuple[Array, Arr
     rows: parameters (cameras, 11) as given, and near the best ones. prior: as moved_cameras has it. moved: which cameras (cameras,) have, and which
     of them are not known at all.
     """
-    free = moved[0][:, None] & (prior.sigma > 0)
-    free[1:, OFFSET] = True
-    if moved[0].all():
-        free[0, [X, Y, YAW]] = False
-    free[0, OFFSET] = False
+    free = _free(prior, moved[0])
     problem = Problem(cameras, seen, rows[1], prior)
     problem.solve(ROUNDS // 2, _held(problem, free))
     problem.rescale()

@@ -61,6 +61,12 @@ class Calibration:
         """Standard deviations (11,) of each camera's parameters in the frame of the result."""
         return dict(zip(self.cameras, np.sqrt(np.abs(np.diag(self.covariance))).reshape(-1, len(NAMES)), strict=True))
 
+    @property
+    def place_sigma(self) -> Array:
+        """Standard deviations (cameras,) m of the cameras' places in the frame of the result."""
+        s = np.array(list(self.sigma.values())).reshape(-1, len(NAMES))
+        return np.asarray(np.sqrt(s[:, X] ** 2 + s[:, Y] ** 2 + (np.exp(self.rows[:, HEIGHT]) * s[:, HEIGHT]) ** 2))
+
     def applied(self, recording: Recording) -> Recording:
         """The recording with these cameras and clocks; without truth, area and terrain where the world is a new one."""
         late = {name: seconds for name, seconds in self.offsets.items() if seconds}
@@ -74,13 +80,12 @@ class Calibration:
         width = max([6, *map(len, self.cameras)])
         heads = {"focal [px]": 14, "pitch [°]": 13, "roll [°]": 13, "yaw [°]": 14, "x, y, height [m]": 24, "±": 5, "clock [s]": 15}
         out = [" ".join([f"{'camera':{width}}", *(f"{head:>{wide}}" for head, wide in heads.items())])]
-        for (name, camera), row in zip(self.cameras.items(), self.rows, strict=True):
+        for (name, camera), row, error in zip(self.cameras.items(), self.rows, self.place_sigma.tolist(), strict=True):
             s = self.sigma[name]
             lens = camera.camera
             focal = f"{lens.fx:.0f} ± {lens.fx * s[FOCAL]:.0f}" if isinstance(lens, LensCamera) else "-"
             pitch, roll, yaw = (f"{np.degrees(row[p]):.2f} ± {np.degrees(s[p]):.2f}" for p in (PITCH, ROLL, YAW))
             place = ", ".join(f"{value:.2f}" for value in (row[X], row[Y], np.exp(row[HEIGHT])))
-            error = float(np.sqrt(s[X] ** 2 + s[Y] ** 2 + (np.exp(row[HEIGHT]) * s[HEIGHT]) ** 2))
             clock = f"{row[OFFSET]:.3f} ± {s[OFFSET]:.3f}"
             out.append(f"{name:{width}} {focal:>14} {pitch:>13} {roll:>13} {yaw:>14} {place:>24} {error:>5.2f} {clock:>15}")
         return out

@@ -120,8 +120,13 @@ def read_mot15(path: str | os.PathLike[str], tracks: bool = False) -> Mot15Rows:
 def _different(path: str | os.PathLike[str], columns: Sequence[str]) -> tuple[Ints, Array, int]:
     """Lines (n,) and values (n, columns) of the rows that equal none before them, and the number of the others."""
     lines, table = read_rows(Path(path), columns, WHOLE)
-    kept = np.sort(np.unique(table, axis=0, return_index=True)[1]) if len(table) else np.arange(0)
+    kept = different_rows(table)
     return lines[kept], table[kept], len(table) - len(kept)
+
+
+def different_rows(table: Array) -> Ints:
+    """Rows of a table (n, columns) that equal none before them, in their order."""
+    return np.sort(np.unique(table, axis=0, return_index=True)[1]) if len(table) else np.arange(0)
 
 
 def read_mot_truth(path: str | os.PathLike[str]) -> tuple[Mot15Rows, Mask]:

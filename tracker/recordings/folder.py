@@ -41,7 +41,17 @@ from tracker.geometry.ground import Flat, Ground
 from tracker.io.atomic import new_file, write_text
 from tracker.io.csv_tables import read_terrain, rows_by_frame, write_table
 from tracker.io.json_files import JsonObject, read_json
-from tracker.io.mot15 import VISIBLE_FILE, Mot15Rows, place_of_row, read_detections, read_mot15, rows_from_boxes, rows_from_tracks, write_mot15
+from tracker.io.mot15 import (
+    VISIBLE_FILE,
+    Mot15Rows,
+    different_rows,
+    place_of_row,
+    read_detections,
+    read_mot15,
+    rows_from_boxes,
+    rows_from_tracks,
+    write_mot15,
+)
 from tracker.io.picture_folders import say_left_out
 from tracker.io.resume import checksums
 from tracker.io.time_order import say
@@ -402,7 +412,7 @@ def _without_repeated_boxes(recording: Recording) -> Recording:
     first: dict[str, dict[int, Ints]] = {name: {} for name in recording.detections}
     for name, boxes in recording.detections.items():
         for frame, (box, confidence) in boxes.items():
-            rows = np.sort(np.unique(np.column_stack([box, confidence]), axis=0, return_index=True)[1])
+            rows = different_rows(np.column_stack([box, confidence]))
             if len(rows) < len(box):
                 first[name][frame] = rows
     if not any(first.values()):
