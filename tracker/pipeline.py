@@ -79,15 +79,14 @@ class PlacedTick:
 class Tracker:
     """The state between ticks: the SLAM filter of the team, and the tracker of people."""
 
-    def __init__(
-        self, setup: Setup, parameters: Parameters, threads: ThreadPoolExecutor | None = None, solver: CliqueSolver | None = None
-    ) -> None:
+    def __init__(self, setup: Setup, parameters: Parameters, threads: ThreadPoolExecutor | None = None, solver: CliqueSolver | None = None) -> None:
         """threads: work on the views of a tick side by side."""
+        targets = replace(parameters.targets, fusion=parameters.targets.fusion.over(setup))
         self.setup, self.parameters = setup, parameters
         self.slam, self._features = Slam(setup, parameters.slam), ImageFeatures(setup, parameters.slam.features, threads)
-        self._front_end = FrontEnd(setup, parameters.targets.fusion, parameters.images, threads)
+        self._front_end = FrontEnd(setup, targets.fusion, parameters.images, threads)
         solver = solver if parameters.graphs is None else written_to(parameters.graphs, solver)
-        self._people = MhtTracker(self._front_end.setup, parameters.targets, parameters.delay, solver)
+        self._people = MhtTracker(self._front_end.setup, targets, parameters.delay, solver)
         self._track_ids = TrackIds(setup)
         self._waiting: deque[tuple[float, Estimate]] = deque()  # with the times of their frames, s
         self._rejections: Counter[str] = Counter()

@@ -18,7 +18,7 @@ from tracker.options import Ending
 if TYPE_CHECKING:
     from tracker.calibration import Calibration, Known
     from tracker.geometry import Array
-    from tracker.recordings import Recording
+    from tracker.recordings import Recording, RecordingCamera
 
 UNKNOWN = 3
 """The exit code where data do not say enough, and a guess was written."""
@@ -58,6 +58,10 @@ class Calibrate:
     """Height of a camera above the ground, m."""
     distance: tyro.conf.UseAppendAction[Annotated[tuple[str, ...], arg(metavar="NAME,NAME=M", help_behavior_hint="(default: none; repeatable)")]] = ()
     """Distance of two cameras, m."""
+    pixel_aspect: tyro.conf.UseAppendAction[
+        Annotated[tuple[str, ...], arg(metavar="NAME=RATIO", help_behavior_hint="(default: by size; repeatable)")]
+    ] = ()
+    """Width over height of a camera's pixels. By default they are squares, and 720 x 576 px and other sizes of PAL and NTSC are shown as 4:3."""
     stature: Annotated[str, arg(metavar="M|none")] = "1.72"
     """Mean stature of the people, m; none where it is not known."""
     principal: bool = False
@@ -119,22 +123,37 @@ class Calibrate:
         """The recording with what of its cameras is believed. Raises ValueError where nothing is left to find."""
         from tracker.recordings import RecordingCamera
 
-        named = [*(text.partition("=")[0] for text in self.height), *(name for text in self.distance for name in text.partition("=")[0].split(","))]
+        named = [
+            *(text.partition("=")[0] for text in (*self.height, *self.pixel_aspect)),
+            *(name for text in self.distance for name in text.partition("=")[0].split(",")),
+        ]
         if unknown := [name for name in named if name not in recording.fixed]:
             raise ValueError(f"{self.source}: camera is {unknown[0]!r}, needs one of {', '.join(recording.fixed)}")
         if self.from_ == "given" and not any(camera.unknown for camera in recording.fixed.values()):
             raise ValueError(f"{self.source}: all cameras have R and t; --from current finds what of them has moved, --from nothing forgets them")
-        if self.from_ not in ("nothing", "intrinsics"):
-            return recording
-        cameras = {
-            name: camera
-            if camera.robot is not None
-            else RecordingCamera.uncalibrated(
-                camera.camera.width, camera.camera.height, camera.camera if self.from_ == "intrinsics" or camera.camera.wraps else None
-            )
-            for name, camera in recording.cameras.items()
-        }
-        return replace(recording, cameras=cameras)
+        cameras = dict(recording.cameras)
+        if self.from_ in ("nothing", "intrinsics"):
+            known = {name: camera.camera if self.from_ == "intrinsics" or camera.camera.wraps else None for name, camera in recording.fixed.items()}
+            cameras |= {name: RecordingCamera.uncalibrated(recording.cameras[name].camera.width, recording.cameras[name].camera.height, model)
+                        for name, model in known.items()}  # fmt: skip
+        return replace(recording, cameras=self._with_pixels(cameras))
+
+    def _with_pixels(self, cameras: dict[str, RecordingCamera]) -> dict[str, RecordingCamera]:
+        """The cameras with the shapes of pixels of --pixel-aspect; a line for each whose size alone tells it. Raises ValueError for a known camera."""
+        from tracker.geometry.cameras import Pinhole
+
+        given, out = dict(_length("--pixel-aspect", text) for text in self.pixel_aspect), dict(cameras)
+        for name, camera in cameras.items():
+            model = camera.camera
+            if "K" in camera.unknown and isinstance(model, Pinhole):
+                ratio = given.get(name, model.fy / model.fx)
+                out[name] = replace(camera, camera=replace(model, fy=ratio * model.fx))
+                if name not in given and ratio != 1:
+                    told = f"{name}: {model.width} x {model.height} px is a size of PAL or NTSC video, so its pixels are taken as {ratio:.3f} times as wide"
+                    print(f"{told} as high; `--pixel-aspect {name}=1` makes them squares", file=sys.stderr)
+            elif name in given:
+                raise ValueError(f"--pixel-aspect names {name}, whose K is known; --from nothing forgets it")
+        return out
 
     def _write(self, recording: Recording, found: Calibration) -> None:
         from tracker.io.atomic import new_folder, write_text
@@ -155,7 +174,7 @@ class Calibrate:
 
             placed = all("pose" not in camera.unknown for camera in recording.fixed.values())
             pictures = ({"Before": _drawn(recording, ())} if placed else {}) | {"After": _drawn(whole, paths)}
-            command = command_line(self, ("picture", "page", "json"), repeated=("height", "distance", "detections"))
+            command = command_line(self, ("picture", "page", "json"), repeated=("height", "distance", "pixel_aspect", "detections"))
             write_calibration_page(self.page, found, pictures, command)
         if self.json:
             print(json_text({"out": str(folder)} | found.to_json(), indent=1))
@@ -186,7 +205,7 @@ def _length(option: str, text: str) -> tuple[str, float]:
     name, _, number = text.rpartition("=")
     m = _metres(number)
     if not name or m is None:
-        raise ValueError(f"{option} is {text!r}, needs a name and a number of metres above 0")
+        raise ValueError(f"{option} is {text!r}, needs a name and a number above 0")
     return name, m
 
 

@@ -37,7 +37,7 @@ class FusionParameters:
 
     foot_spread: float = 0.25  # m, standard deviation of the lowest point of a walking body from the ground under its middle
     ahead: float = 0.03  # m, distance of the nearest point of the soles, where a box ends, before the ground under the body
-    reach: float = 60.0  # m, greatest distance of a ground point
+    reach: float = 60.0  # m, greatest distance of a ground point, where no fixed camera is farther from a place of the area
     stature: float = 1.72  # m, mean of people
     stature_sigma: float = 0.12  # m, standard deviation of people
     gate: float = 3.5  # standard deviations between two ground points of one person
@@ -46,6 +46,14 @@ class FusionParameters:
     def statures(self) -> Statures:
         """Mean and standard deviation, m."""
         return Statures(self.stature, self.stature_sigma)
+
+    def over(self, setup: Setup) -> FusionParameters:
+        """These parameters with a reach that has the whole area in it, from each fixed camera."""
+        if setup.area is None:
+            return self
+        places = [start.T_world_robot.translation[:2] for robot, start in setup.starts.items() if start is not None and setup.is_fixed(robot)]
+        farthest = [np.linalg.norm(np.abs(place - setup.area).max(axis=0)) for place in places]
+        return replace(self, reach=max(self.reach, *map(float, farthest))) if farthest else self
 
 
 @dataclass(frozen=True, eq=False)

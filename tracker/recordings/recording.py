@@ -37,8 +37,17 @@ STATURE = (1.4, 2.3)
 """m: the default band of body heights, as in Setup."""
 GUESSED_FOCAL = 0.8
 """Focal length over the width of the image where it is not known."""
+SHOWN_AS = 4 / 3
+"""Width over height at which pictures of STANDARD_SIZES are shown, as ITU-R BT.601 has it, whatever their numbers of pixels."""
+STANDARD_SIZES = frozenset({(720, 576), (704, 576), (352, 288), (720, 480), (704, 480), (352, 240)})
+"""px: width and height of PAL and NTSC video, whose pixels are no squares."""
 OF_BOXES = {"appearances": "d", "covariances": "3", "visible_parts": "5"}
 """Fields of a recording with a vector for each box, and the lengths of the vectors."""
+
+
+def pixel_aspect(width: int, height: int) -> float:
+    """Width over height of a pixel, by the size of the image: 1 but for STANDARD_SIZES."""
+    return SHOWN_AS * height / width if (width, height) in STANDARD_SIZES else 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +68,8 @@ class RecordingCamera:
     @staticmethod
     def uncalibrated(width: int, height: int, camera: Camera | None = None) -> RecordingCamera:
         """A camera of which the size of the image is known, and its model where `camera` is given."""
-        guess = Pinhole(width, height, GUESSED_FOCAL * width, GUESSED_FOCAL * width, (width - 1) / 2, (height - 1) / 2)
+        focal = GUESSED_FOCAL * width
+        guess = Pinhole(width, height, focal, focal * pixel_aspect(width, height), (width - 1) / 2, (height - 1) / 2)
         return RecordingCamera(camera or guess, Pose.identity(), unknown=frozenset({"pose"} if camera else {"K", "pose"}))
 
     @staticmethod
