@@ -139,7 +139,7 @@ class Calibrate:
         return replace(recording, cameras=self._with_pixels(cameras))
 
     def _with_pixels(self, cameras: dict[str, RecordingCamera]) -> dict[str, RecordingCamera]:
-        """The cameras with the shapes of pixels of --pixel-aspect; a line for each whose size alone tells it. Raises ValueError for a known camera."""
+        """The cameras with the pixels of --pixel-aspect, and a line for each whose size tells them. Raises ValueError for a camera with K."""
         from tracker.geometry.cameras import Pinhole
 
         given, out = dict(_length("--pixel-aspect", text) for text in self.pixel_aspect), dict(cameras)
@@ -149,8 +149,9 @@ class Calibrate:
                 ratio = given.get(name, model.fy / model.fx)
                 out[name] = replace(camera, camera=replace(model, fy=ratio * model.fx))
                 if name not in given and ratio != 1:
-                    told = f"{name}: {model.width} x {model.height} px is a size of PAL or NTSC video, so its pixels are taken as {ratio:.3f} times as wide"
-                    print(f"{told} as high; `--pixel-aspect {name}=1` makes them squares", file=sys.stderr)
+                    size = f"{name}: {model.width} x {model.height} px is a size of PAL or NTSC video"
+                    wide = f"so its pixels are taken as {ratio:.3f} times as wide as high"
+                    print(f"{size}, {wide}; `--pixel-aspect {name}=1` makes them squares", file=sys.stderr)
             elif name in given:
                 raise ValueError(f"--pixel-aspect names {name}, whose K is known; --from nothing forgets it")
         return out

@@ -83,7 +83,7 @@ class _Calibrator:
         row = self._given(name, camera)
         single = single_view(camera.camera, table, "K" not in camera.unknown, self.known.heights.get(name))
         if row is not None:
-            single = SingleView(row, np.zeros((11, 11)), 0.0)
+            single = SingleView(row, np.zeros((0, 11)), 0.0)
         if single is None:
             count = int(table.whole.sum())
             self.problems.append(f"{name}: {count} boxes show whole bodies, needs at least {LEAST_BOXES} that are apart in time")

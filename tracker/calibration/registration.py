@@ -13,7 +13,7 @@ from itertools import product
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tracker.calibration.body import FOCAL, OFFSET, YAW, X, Y, boxes_of, ground_places
+from tracker.calibration.body import OFFSET, YAW, X, Y, boxes_of, ground_places
 from tracker.calibration.boxes import LinkedBoxes, smoothed
 from tracker.calibration.result import MOST_OFFSET
 from tracker.calibration.single_view import STATURE, SingleView
@@ -34,8 +34,6 @@ PAIRS, TRIED, KEPT, REFINED = 60, 300, 10, 6
 """Guesses of an offset, guesses that are tried, those that are tried by more places, and matches of two cameras."""
 FEW, POINTS = 100, 700
 """Places of a camera by which a guess is tried, first and then."""
-UNSURE = 0.1
-"""Deviation of the logarithm of a focal length from which others are tried."""
 APART = 100.0
 """m along the third axis of the search tree between two steps of time."""
 FARTHEST = 60.0
@@ -280,7 +278,7 @@ def match(a: CameraBoxes, b: CameraBoxes, steps: int, most: float = MOST_OFFSET)
 
     A focal length that a camera does not tell by itself stretches its ground, so all pairs of some are tried.
     """
-    sides = [[_Side.of(view, row, steps) for row in _with_focals(view)] for view in (a, b)]
+    sides = [[_Side.of(view, row, steps) for row in (view.single.row, *view.single.others)] for view in (a, b)]
     out: list[Match] = []
     for one, other in product(*sides):
         tried = guesses(one.paths, other.paths, round(most / STEP))
@@ -295,12 +293,6 @@ def _placed(row: Array, guess: Guess) -> Array:
     z = guess.turn * complex(*row[[X, Y]]) + guess.shift
     out[X], out[Y], out[YAW], out[OFFSET] = z.real, z.imag, row[YAW] + np.angle(guess.turn), row[OFFSET] + guess.steps * STEP
     return out
-
-
-def _with_focals(view: CameraBoxes) -> list[Array]:
-    """Likeliest parameters of a camera by itself, and those with a shorter and a longer focal length where it is not sure of it."""
-    row, sigma = view.single.row, float(view.single.sigma[FOCAL])
-    return [row, *(view.single.with_focal(row[FOCAL] + part * sigma) for part in (-1.0, 1.0) if sigma > UNSURE)]
 
 
 def _distinct(found: list[Match], most: int) -> list[Match]:

@@ -32,7 +32,8 @@ EDGE = (0.045, 3.0)
 """Error of a box's height: a share of it, and px."""
 SPACING, MOST = 0.4, 600
 """s between two boxes of a tracklet, and most boxes, that are used."""
-STARTS = 3
+AS_LIKELY, UNSURE, MOST_OTHERS = 12.0, 0.1, 4
+"""Focal lengths that are tried in other steps, too: difference of the logarithm of the density, least distance in logarithms, and most of them."""
 INDEPENDENT = 150
 """More boxes than so many count as these: errors of a detector are alike in boxes that are alike."""
 STEP = 0.05
@@ -44,24 +45,14 @@ LEAST_BOXES = 40
 
 @dataclass(frozen=True, eq=False)
 class SingleView:
-    """What a camera says by itself. row (11,): parameters as in body.NAMES. covariance (11, 11): of focal, pitch, roll and height, else 0.
+    """What a camera says by itself. row (11,): parameters as in body.NAMES. others (k, 11): as likely ones with other focal lengths.
 
     spread: of the logarithm of statures that is left; 0.06 to 0.1 for right ones.
     """
 
     row: Array
-    covariance: Array
+    others: Array
     spread: float
-
-    @property
-    def sigma(self) -> Array:
-        """Deviations (11,) of the parameters."""
-        return np.asarray(np.sqrt(np.diag(self.covariance)))
-
-    def with_focal(self, focal: float) -> Array:
-        """Parameters (11,) with the logarithm `focal` of a focal length, and the others as they then are likeliest."""
-        variance = self.covariance[FOCAL, FOCAL]
-        return np.asarray(self.row + (self.covariance[FOCAL] / variance * (focal - self.row[FOCAL]) if variance > 0 else 0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +73,10 @@ def thinned(table: LinkedBoxes, spacing: float) -> Ints:
 
 
 def single_view(camera: Camera, table: LinkedBoxes, known_focal: bool, height: float | None = None) -> SingleView | None:
-    """The camera with the greatest posterior density; None with fewer than LEAST_BOXES boxes. height: m above the ground, where it is known."""
+    """The camera with the greatest posterior density; None with fewer than LEAST_BOXES boxes, or without a horizon above them.
+
+    height: m above the ground, where it is known.
+    """
     rows = thinned(table, SPACING)
     rows = rows[:: 1 + len(rows) // MOST]
     if len(rows) < LEAST_BOXES:
@@ -92,9 +86,50 @@ def single_view(camera: Camera, table: LinkedBoxes, known_focal: bool, height: f
     error = np.hypot(EDGE[0] * part.height, EDGE[1])
     sample = _Sample(camera, part, person, error)
     fixed = known_focal or not isinstance(camera, LensCamera)
-    starts = _starts(sample, fixed)
-    best = min((_refined(sample, start, fixed, height) for start in starts), key=lambda found: found[0])
-    return best[1]
+    profile = _profile(sample, fixed, height)
+    if not profile:
+        return None
+    best = min(profile, key=lambda found: found.cost)
+    if fixed:
+        return SingleView(best.row, np.zeros((0, 11)), best.spread)
+    found = min((_refined(sample, best.row, False, height), best), key=lambda one: one.cost)
+    return SingleView(found.row, _others(profile, found), found.spread)
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """A maximum of the posterior density: its cost, half the sum of squares; parameters (11,); and the spread of statures."""
+
+    cost: float
+    row: Array
+    spread: float
+
+
+def _profile(sample: _Sample, fixed: bool, height: float | None) -> list[_Found]:
+    """The likeliest parameters for each of some focal lengths, from short to long. Each is tried from those of its neighbours, too."""
+    out: list[_Found] = []
+    for focal in _log_first(sample.camera, fixed):
+        starts = [*_starts(sample, float(focal)), *(_zoomed(found.row, float(focal)) for found in out[-1:])]
+        if starts:
+            out.append(min((_refined(sample, start, True, height) for start in starts), key=lambda found: found.cost))
+    for k in range(len(out) - 2, -1, -1):
+        again = _refined(sample, _zoomed(out[k + 1].row, float(out[k].row[FOCAL])), True, height)
+        out[k] = min(out[k], again, key=lambda found: found.cost)
+    return out
+
+
+def _zoomed(row: Array, focal: float) -> Array:
+    """Parameters with another focal length, and the pitch under which the horizon stays where it is in the image."""
+    out = row.copy()
+    out[FOCAL], out[PITCH] = focal, np.arctan(np.tan(row[PITCH]) * np.exp(row[FOCAL] - focal))
+    return out
+
+
+def _others(profile: list[_Found], best: _Found) -> Array:
+    """Rows (k, 11) of the profile that are nearly as likely as the best one: at most MOST_OTHERS, from the shortest focal length to the longest."""
+    likely = [one.row for one in profile if one.cost - best.cost < AS_LIKELY and abs(one.row[FOCAL] - best.row[FOCAL]) > UNSURE]
+    chosen = np.unique(np.linspace(0, len(likely) - 1, min(len(likely), MOST_OTHERS)).round().astype(np.int64))
+    return np.array([likely[k] for k in chosen.tolist()]).reshape(-1, 11)
 
 
 def _row(focal: float, pitch: float, roll: float, height: float) -> Array:
@@ -108,28 +143,24 @@ def _log_first(camera: Camera, fixed: bool) -> Array:
     return np.zeros(1) if fixed or not isinstance(camera, LensCamera) else np.log(FOCALS * camera.width / camera.fx)
 
 
-def _starts(sample: _Sample, fixed: bool) -> list[Array]:
-    """Coarse guesses, the best first, at most one of each focal length."""
-    found = []
-    for focal in _log_first(sample.camera, fixed):
-        costs = []
-        for pitch in PITCHES:
-            row = _row(float(focal), float(pitch), 0.0, np.log(USUAL_HEIGHT[0]))
-            # The height of the camera scales all statures, but for what DEPTH changes.
-            for _ in range(2):
-                top, rise, valid = _tops(sample, row)
-                if valid.mean() < 0.7:
-                    break
-                log = (top - sample.table.top) / rise
-                row[HEIGHT] -= np.clip(np.median(log[valid]), -1.0, 1.0)
-            if valid.mean() < 0.7:
-                continue
+def _starts(sample: _Sample, focal: float) -> list[Array]:
+    """A coarse guess with a focal length, in a list that is empty where no pitch puts most people below the horizon."""
+    costs = []
+    for pitch in PITCHES:
+        row = _row(focal, float(pitch), 0.0, np.log(USUAL_HEIGHT[0]))
+        # The height of the camera scales all statures, but for what DEPTH changes.
+        for _ in range(2):
             top, rise, valid = _tops(sample, row)
-            r = (top - sample.table.top) / np.hypot(SPREAD / STATURE * rise, sample.error)
-            costs.append((float(np.minimum(np.where(valid, r * r, BEYOND**2), BEYOND**2).mean()), row))
-        if costs:
-            found.append(min(costs, key=lambda one: one[0]))
-    return [row for _, row in sorted(found, key=lambda one: one[0])[:STARTS]]
+            if valid.mean() < 0.7:
+                break
+            log = (top - sample.table.top) / rise
+            row[HEIGHT] -= np.clip(np.median(log[valid]), -1.0, 1.0)
+        if valid.mean() < 0.7:
+            continue
+        top, rise, valid = _tops(sample, row)
+        r = (top - sample.table.top) / np.hypot(SPREAD / STATURE * rise, sample.error)
+        costs.append((float(np.minimum(np.where(valid, r * r, BEYOND**2), BEYOND**2).mean()), row))
+    return [min(costs, key=lambda one: one[0])[1]] if costs else []
 
 
 def _tops(sample: _Sample, row: Array) -> tuple[Array, Array, Mask]:
@@ -152,8 +183,8 @@ def _tops(sample: _Sample, row: Array) -> tuple[Array, Array, Mask]:
     return np.where(valid, tops[0], t.top), np.where(valid, (tops[0] - tops[1]) / STEP, t.height), valid
 
 
-def _refined(sample: _Sample, start: Array, fixed: bool, height: float | None) -> tuple[float, SingleView]:
-    """Maximum of the posterior from a start: its cost, and what it says."""
+def _refined(sample: _Sample, start: Array, fixed: bool, height: float | None) -> _Found:
+    """Maximum of the posterior from a start, whose focal length stays where it is `fixed`."""
     people, n = int(sample.person.max()) + 1, len(sample.person)
     share = min(1.0, np.sqrt(INDEPENDENT / n))
     usual = np.log(USUAL_FOCAL[0] * sample.camera.width / sample.camera.fx) if isinstance(sample.camera, LensCamera) else 0.0
@@ -162,7 +193,7 @@ def _refined(sample: _Sample, start: Array, fixed: bool, height: float | None) -
     ends = np.searchsorted(sample.person[order], np.arange(people))
 
     def residuals(x: Array) -> Array:
-        row = _row(0.0 if fixed else x[3], x[0], x[1], x[2])
+        row = _row(start[FOCAL] if fixed else x[3], x[0], x[1], x[2])
         top, rise, valid = _tops(sample, row)
         log = (top - sample.table.top) / rise
         weight = np.where(valid & (np.abs(log) < 0.4), (rise / sample.error) ** 2, 1e-6)
@@ -170,18 +201,13 @@ def _refined(sample: _Sample, start: Array, fixed: bool, height: float | None) -
         sums = np.add.reduceat(np.column_stack([weight * log, weight])[order], ends)
         mean = sums[:, 0] / (sums[:, 1] + (STATURE / SPREAD) ** 2)
         own = np.where(valid, (log - mean[sample.person]) * rise / sample.error, BEYOND)
-        prior = [x[1] / ROLL_SIGMA, (x[2] - level[0]) / level[1], 0.0 if fixed else (x[3] - usual) / USUAL_FOCAL[1]]
+        prior = [x[1] / ROLL_SIGMA, (x[2] - level[0]) / level[1], ((start[FOCAL] if fixed else x[3]) - usual) / USUAL_FOCAL[1]]
         return np.concatenate([share * own / np.sqrt(1 + (own / 2.5) ** 2 / 2), share * mean * STATURE / SPREAD, prior])
 
     x0 = np.array([start[PITCH], start[ROLL], start[HEIGHT] if height is None else np.log(height), *([] if fixed else [start[FOCAL]])])
     found = least_squares(residuals, x0, x_scale=np.array([0.05, 0.03, 0.1, *([] if fixed else [0.1])]), max_nfev=40)
-    H = found.jac.T @ found.jac
-    covariance = np.linalg.pinv(H) * max(1.0, 2 * float(found.cost) / min(n, INDEPENDENT))
-    row = _row(0.0 if fixed else found.x[3], found.x[0], found.x[1], found.x[2])
+    row = _row(start[FOCAL] if fixed else found.x[3], found.x[0], found.x[1], found.x[2])
     top, rise, valid = _tops(sample, row)
     log = (top - sample.table.top) / rise
-    whole, own = np.zeros((11, 11)), np.array([PITCH, ROLL, HEIGHT, *([] if fixed else [FOCAL])])
-    whole[np.ix_(own, own)] = covariance
     spread = float(1.48 * np.median(np.abs(log[valid] - np.median(log[valid])))) if valid.any() else np.inf
-    return float(found.cost), SingleView(row, whole, spread)
-
+    return _Found(float(found.cost), row, spread)

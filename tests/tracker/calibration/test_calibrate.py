@@ -16,6 +16,7 @@ from tests.tracker.calibration.blind_room import blind, late, place_errors, tilt
 from tests.tracker.recordings.walked_room import LENS
 from tracker.calibration import calibrate
 from tracker.calibration.body import CX, CY, FOCAL, PITCH, ROLL
+from tracker.geometry.cameras import Pinhole
 from tracker.recordings import Recording
 from tracker.recordings.folder import read_recording, write_recording
 from tracker.recordings.recording import GUESSED_FOCAL
@@ -57,13 +58,36 @@ def test_what_is_not_known_is_told_and_the_guess_stands_beside(tmp_path: Path) -
     assert (tmp_path / "new.guess" / "recording.json").is_file()
 
 
+PAL = Pinhole(720, 576, 450.0, 480.0, 359.5, 287.5)
+"""A lens whose images are shown as 4:3, so that pixels are 16/15 as wide as high."""
+
+
+@pytest.mark.command
+def test_the_pixels_of_standard_video_are_no_squares(tmp_path: Path) -> None:
+    room = walked_room(frames=60, speed=0.0, lens=PAL).choose(["C1", "C2"])
+    written(tmp_path / "pal", blind(room))
+    line = "C1: 720 x 576 px is a size of PAL or NTSC video, so its pixels are taken as 1.067 times as wide as high"
+    said = pilsim("calibrate", "pal", "--out", "new", cwd=tmp_path).stderr
+    assert f"{line}; `--pixel-aspect C1=1` makes them squares\n" in said
+    guess = read_recording(tmp_path / "new.guess").cameras["C1"].camera
+    assert isinstance(guess, Pinhole)
+    assert np.isclose(guess.fy / guess.fx, 16 / 15)
+    said = pilsim("calibrate", "pal", "--pixel-aspect", "C1=1", "--out", "square", cwd=tmp_path).stderr
+    assert line not in said
+    assert "C2: 720 x 576 px is a size" in said
+    written(tmp_path / "known", blind(room, intrinsics=True))
+    refused = pilsim("calibrate", "known", "--pixel-aspect", "C1=1", "--out", "other", cwd=tmp_path)
+    assert (refused.returncode, refused.stderr) == (2, "error: known: --pixel-aspect names C1, whose K is known; --from nothing forgets it\n")
+
+
 @pytest.mark.soak
-def test_four_cameras_from_nothing() -> None:
-    room = late(walked_room(frames=240), "C2", 2)
+@pytest.mark.parametrize("lens", [LENS, PAL], ids=["square", "PAL"])
+def test_four_cameras_from_nothing(lens: Pinhole) -> None:
+    room = late(walked_room(frames=240, lens=lens), "C2", 2)
     found = calibrate(blind(room))
     assert not found.problems
     assert sorted(found.cameras) == list(room.cameras)
-    focal = [camera.camera.fx / 800.0 for camera in found.cameras.values()]  # type: ignore[attr-defined]
+    focal = [camera.camera.fx / lens.fx for camera in found.cameras.values()]  # type: ignore[attr-defined]
     assert np.abs(np.log(focal)).max() < 0.03
     assert np.abs(tilt_errors(found, room)).max() < 0.5
     assert place_errors(found, room).max() < 0.02 * 6.0

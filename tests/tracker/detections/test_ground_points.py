@@ -120,3 +120,13 @@ def test_uncertain_boxes_initiate_tracks_where_the_world_is_known() -> None:
     assert initiating(far) == {1}
     assert initiating(replace(far, known=True)) == {0, 1}
     assert initiating(replace(far, known=True, spread=5 * far.spread)) == {1}
+
+
+def test_the_reach_of_ground_points_holds_the_area_of_each_fixed_camera() -> None:
+    mount = Mount(Panorama(1024, 512), Pose.identity(), "far")
+    start = Start(Pose(np.eye(3), np.array([90.0, 0.0, 6.0])), np.zeros((6, 6)))
+    area = np.array([[-10.0, -5.0], [10.0, 5.0]])
+    setup = Setup({"camera": mount}, Flat(), {"far": start}, 0.1, area)
+    assert np.isclose(FusionParameters().over(setup).reach, np.hypot(100.0, 5.0))
+    assert FusionParameters().over(replace(setup, area=area + np.array([85.0, 0.0]))) == FusionParameters()
+    assert FusionParameters().over(replace(setup, area=None)) == FusionParameters()
