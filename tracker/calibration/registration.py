@@ -26,8 +26,8 @@ STEP = 0.3
 """s between two places of a path."""
 SMOOTH = 0.5
 """s over which places are averaged."""
-LEAST_TIME, LEAST_WAY = 1.5, 1.0
-"""s and m: tracklets by which motions are guessed."""
+LEAST_TIME, LEAST_WAY, LONGEST = 1.5, 1.0, 80
+"""s and m: tracklets by which motions are guessed, and how many of a camera, the longest first."""
 ERROR, FAR_ERROR = 0.3, 0.1
 """m: error of a place, and what is added to it by the metre from its camera, before cameras are adjusted."""
 PAIRS, TRIED, KEPT, REFINED = 60, 300, 10, 6
@@ -135,27 +135,37 @@ class Guess:
 
 def guesses(a: Paths, b: Paths, most: int) -> list[Guess]:
     """The best motions of single pairs of tracklets, for offsets of up to `most` steps."""
-    moving = [np.flatnonzero((p.here.sum(axis=1) * STEP >= LEAST_TIME) & (_way(p) >= LEAST_WAY)) for p in (a, b)]
-    za, ma, zb, mb = a.z[moving[0]], a.here[moving[0]], b.z[moving[1]], b.here[moving[1]]
+    first, second = (_longest(paths) for paths in (a, b))
+    za, ma, zb, mb = a.z[first], a.here[first], b.z[second], b.here[second]
     out: list[Guess] = []
     if not len(za) or not len(zb):
         return out
+    flat = np.vstack([za.real, za.imag])
+    square = np.abs(za) ** 2
     for k in range(-most, most + 1):
         zk, mk = _moved(zb, k), _moved(mb, k)
         n = ma @ mk.T
         ok = n >= max(LEAST_STEPS, LEAST_TIME / STEP)
         safe = np.maximum(n, 1.0)
-        sa, sb = za @ mk.T, ma @ zk.T
-        va = (np.abs(za) ** 2) @ mk.T - np.abs(sa) ** 2 / safe
+        sa, sb = (re + 1j * im for re, im in (np.split(flat @ mk.T, 2), np.split(ma @ np.vstack([zk.real, zk.imag]).T, 2, axis=1)))
+        va = square @ mk.T - np.abs(sa) ** 2 / safe
         vb = ma @ (np.abs(zk) ** 2).T - np.abs(sb) ** 2 / safe
         cross = za @ np.conj(zk).T - sa * np.conj(sb) / safe
         error = np.maximum(va + vb - 2 * np.abs(cross), 0.0) / safe
         value = np.where(ok, np.sqrt(safe) * np.log1p(np.minimum(va, vb) / safe / (error + ERROR**2)), 0.0)
-        for i, j in zip(*np.unravel_index(np.argsort(value, axis=None)[::-1][:PAIRS], value.shape), strict=True):
+        best = np.argpartition(value, -min(PAIRS, value.size), axis=None)[-PAIRS:]
+        for i, j in zip(*np.unravel_index(best, value.shape), strict=True):
             if value[i, j] > 0:
                 turn = complex(cross[i, j] / max(abs(cross[i, j]), 1e-9))
                 out.append(Guess(turn, complex((sa[i, j] - turn * sb[i, j]) / n[i, j]), k, float(value[i, j])))
     return sorted(out, key=lambda g: -g.value)[:TRIED]
+
+
+def _longest(paths: Paths) -> Ints:
+    """Tracklets by which motions are guessed, at most LONGEST of them."""
+    steps = paths.here.sum(axis=1)
+    moving = np.flatnonzero((steps * STEP >= LEAST_TIME) & (_way(paths) >= LEAST_WAY))
+    return np.sort(moving[np.argsort(-steps[moving], kind="stable")[:LONGEST]])
 
 
 def _way(paths: Paths) -> Array:
