@@ -32,6 +32,8 @@ MOST_SIGMA = {FOCAL: 0.1, PITCH: np.radians(2.0), ROLL: np.radians(2.0), YAW: np
 """Deviations above which a parameter counts as not known."""
 MOST_PLACE = 0.12
 """The same of a place, as a share of the median distance of people."""
+TRIED = 3
+"""Ways to place a camera that are adjusted, of which the one that then agrees best is taken."""
 LEAST_SEEN, CONTRADICTION = 100, 0.15
 """Places of people that two cameras should see, and the share of agreement below which they contradict each other."""
 MOST_EDGE, WITHIN = 0.1, 2.0
@@ -83,7 +85,7 @@ class _Calibrator:
         row = self._given(name, camera)
         single = single_view(camera.camera, table, "K" not in camera.unknown, self.known.heights.get(name))
         if row is not None:
-            single = SingleView(row, np.zeros((0, 11)), 0.0)
+            single = SingleView(row, (), 0.0)
         if single is None:
             count = int(table.whole.sum())
             self.problems.append(f"{name}: {count} boxes show whole bodies, needs at least {LEAST_BOXES} that are apart in time")
@@ -113,15 +115,8 @@ class _Calibrator:
         if not self.rows:
             self._begin(matches)
         while left := [name for name in self.views if name not in self.rows]:
-            found = self._next(left, matches)
-            if found is None:
+            if not self._join(left, matches):
                 break
-            name, row = found
-            self.rows[name] = row
-            self._adjust(rough=True)
-            if self._share(name)[1] < LEAST_SHARE:
-                del self.rows[name]
-                matches = {pair: [] if name in pair and not set(pair) - {name} - set(self.rows) else ms for pair, ms in matches.items()}
         for name in left:
             self.problems.append(self._why_alone(name, matches))
         self._order()
@@ -196,30 +191,43 @@ class _Calibrator:
         self.rows = {name: self.rows[name] if self.posed else _moved(self.rows[name], first, origin) for name in names}
 
     def _begin(self, matches: Mapping[tuple[str, str], list[Match]]) -> None:
-        """The surest pair, or the camera with the most boxes."""
-        best = max(matches, key=lambda pair: _value(matches[pair]), default=None)
-        if best is not None and _value(matches[best]) > LEAST_SHARE * LEAST_SCORE:
-            self.rows = dict(zip(best, matches[best][0].rows, strict=True))
-            self._adjust(rough=True)
-            if self._share(best[1])[1] >= LEAST_SHARE:
-                return
-        name = best[0] if best and self.rows else max(self.views, key=lambda one: int(self.views[one].table.whole.sum()))
-        self.rows = {name: self.views[name].single.row.copy()}
+        """The pair that agrees best after it is adjusted, of the surest matches; else the camera with the most boxes."""
+        found = [(one.value, pair, one) for pair, of_pair in matches.items() for one in of_pair if one.value > LEAST_SHARE * LEAST_SCORE]
+        surest = sorted(found, key=lambda one: -one[0])[:TRIED]
+        if not self._best_of([dict(zip(pair, one.rows, strict=True)) for _, pair, one in surest]):
+            name = surest[0][1][0] if surest else max(self.views, key=lambda one: int(self.views[one].table.whole.sum()))
+            self.rows = {name: self.views[name].single.row.copy()}
 
-    def _next(self, left: list[str], matches: dict[tuple[str, str], list[Match]]) -> tuple[str, Array] | None:
-        """The camera that agrees best with those in the frame, and its parameters."""
-        best: tuple[float, str, Array] | None = None
+    def _join(self, left: list[str], matches: dict[tuple[str, str], list[Match]]) -> bool:
+        """Bring one more camera into the frame, the one that agrees best with those there; False where none does."""
+        found: list[tuple[float, str, Array]] = []
         for name in left:
             candidates = []
-            for (a, b), found in matches.items():
+            for (a, b), of_pair in matches.items():
                 if name in (a, b) and (other := b if name == a else a) in self.rows:
                     own, its = (0, 1) if name == a else (1, 0)
-                    candidates += [_moved(one.rows[own], one.rows[its], self.rows[other]) for one in found[:3] if one.share > LEAST_SHARE / 2]
+                    candidates += [_moved(one.rows[own], one.rows[its], self.rows[other]) for one in of_pair[:3] if one.share > LEAST_SHARE / 2]
             for row in candidates:
                 score, share = self._share(name, row, 1.0)
-                if share >= LEAST_SHARE and score >= LEAST_SCORE and (best is None or score * share > best[0]):
-                    best = score * share, name, row
-        return None if best is None else best[1:]
+                if share >= LEAST_SHARE and score >= LEAST_SCORE:
+                    found.append((score * share, name, row))
+        surest = sorted(found, key=lambda one: -one[0])[:TRIED]
+        return self._best_of([{**self.rows, name: row} for _, name, row in surest])
+
+    def _best_of(self, frames: list[dict[str, Array]]) -> bool:
+        """Take those parameters of cameras whose last one agrees best with the others once all are adjusted; False where none agree.
+
+        A camera in a wrong place draws the others out of theirs.
+        """
+        before, best = self.rows, (0.0, self.rows)
+        for frame in frames:
+            self.rows = frame
+            self._adjust(rough=True)
+            shares = [self._share(name) for name in self.rows]
+            if min(share for _, share in shares) >= LEAST_SHARE:
+                best = max(best, (shares[-1][0] * shares[-1][1], self.rows), key=lambda one: one[0])
+        self.rows = best[1] if best[0] > 0 else before
+        return best[0] > 0
 
     def _share(self, name: str, row: Array | None = None, tight: float = TIGHT) -> tuple[float, float]:
         """Agreement of a camera with the others in the frame, as registration.agreement: best sum and its share."""
@@ -362,10 +370,6 @@ class _Calibrator:
             T[:, 3:] = place - across[:, :, None, None] * turn - apart[:, :, None, None] * scale
         variance = np.einsum("ij,jk,ik->i", flat := T.reshape(5 * n, -1), adjusted.covariance, flat)
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)).reshape(-1, 5))
-
-
-def _value(found: list[Match]) -> float:
-    return found[0].value if found else 0.0
 
 
 def _moved(row: Array, beside: Array, world: Array) -> Array:

@@ -32,6 +32,8 @@ ERROR, FAR_ERROR = 0.3, 0.1
 """m: error of a place, and what is added to it by the metre from its camera, before cameras are adjusted."""
 PAIRS, TRIED, KEPT, REFINED = 60, 300, 10, 6
 """Guesses of an offset, guesses that are tried, those that are tried by more places, and matches of two cameras."""
+UNLIKELY = 8.0
+"""Difference of the logarithm of a density for which a match counts 1/e: boxes of real detectors make it too large."""
 FEW, POINTS = 100, 700
 """Places of a camera by which a guess is tried, first and then."""
 APART = 100.0
@@ -74,16 +76,20 @@ class Paths:
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """Two cameras in the frame of the first. rows: parameters of both. score: places that agree, above chance. share: of those that could agree."""
+    """Two cameras in the frame of the first. rows: parameters of both. score: places that agree, above chance. share: of those that could agree.
+
+    likely: 1 for the likeliest focal lengths of both, less for others.
+    """
 
     rows: tuple[Array, Array]
     score: float
     share: float
+    likely: float
 
     @property
     def value(self) -> float:
         """Rank of the match."""
-        return self.score * self.share
+        return self.score * self.share * self.likely
 
 
 def steps_of(views: Iterable[CameraBoxes]) -> int:
@@ -263,13 +269,15 @@ class _Side:
 
     view: CameraBoxes
     row: Array
+    likely: float
     paths: Paths
     cloud: Cloud
 
     @staticmethod
-    def of(view: CameraBoxes, row: Array, steps: int) -> _Side:
+    def of(view: CameraBoxes, row: Array, less: float, steps: int) -> _Side:
+        """less: by how much the logarithm of the density is less than that of the likeliest parameters."""
         paths = paths_of(view, row, steps)
-        return _Side(view, row, paths, Cloud.of(paths))
+        return _Side(view, row, float(np.exp(-less / UNLIKELY)), paths, Cloud.of(paths))
 
     def matches(self, other: _Side, guesses: list[Guess], points: int) -> list[Match]:
         """The other camera placed beside this one by each of the guesses, which are judged by so many of its places."""
@@ -280,7 +288,7 @@ class _Side:
         inside = visible(self.view, self.row, moved.reshape(-1, 2)).reshape(z.shape)
         score, share = agreement(self.cloud, part, inside, moved, np.array([guess.steps for guess in guesses], dtype=np.int64))
         placed = [(self.row, _placed(other.row, guess)) for guess in guesses]
-        return [Match(*one) for one in zip(placed, score.tolist(), share.tolist(), strict=True)]
+        return [Match(*one, self.likely * other.likely) for one in zip(placed, score.tolist(), share.tolist(), strict=True)]
 
 
 def match(a: CameraBoxes, b: CameraBoxes, steps: int, most: float = MOST_OFFSET) -> list[Match]:
@@ -288,7 +296,7 @@ def match(a: CameraBoxes, b: CameraBoxes, steps: int, most: float = MOST_OFFSET)
 
     A focal length that a camera does not tell by itself stretches its ground, so all pairs of some are tried.
     """
-    sides = [[_Side.of(view, row, steps) for row in (view.single.row, *view.single.others)] for view in (a, b)]
+    sides = [[_Side.of(view, row, less, steps) for row, less in view.single.tried] for view in (a, b)]
     out: list[Match] = []
     for one, other in product(*sides):
         tried = guesses(one.paths, other.paths, round(most / STEP))

@@ -45,14 +45,20 @@ LEAST_BOXES = 40
 
 @dataclass(frozen=True, eq=False)
 class SingleView:
-    """What a camera says by itself. row (11,): parameters as in body.NAMES. others (k, 11): as likely ones with other focal lengths.
+    """What a camera says by itself. row (11,): parameters as in body.NAMES. others: nearly as likely ones with other focal lengths.
 
+    With each of these stands by how much the logarithm of its density is less than that of `row`.
     spread: of the logarithm of statures that is left; 0.06 to 0.1 for right ones.
     """
 
     row: Array
-    others: Array
+    others: tuple[tuple[Array, float], ...]
     spread: float
+
+    @property
+    def tried(self) -> tuple[tuple[Array, float], ...]:
+        """`row`, and the others."""
+        return (self.row, 0.0), *self.others
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +97,7 @@ def single_view(camera: Camera, table: LinkedBoxes, known_focal: bool, height: f
         return None
     best = min(profile, key=lambda found: found.cost)
     if fixed:
-        return SingleView(best.row, np.zeros((0, 11)), best.spread)
+        return SingleView(best.row, (), best.spread)
     found = min((_refined(sample, best.row, False, height), best), key=lambda one: one.cost)
     return SingleView(found.row, _others(profile, found), found.spread)
 
@@ -125,11 +131,11 @@ def _zoomed(row: Array, focal: float) -> Array:
     return out
 
 
-def _others(profile: list[_Found], best: _Found) -> Array:
-    """Rows (k, 11) of the profile that are nearly as likely as the best one: at most MOST_OTHERS, from the shortest focal length to the longest."""
-    likely = [one.row for one in profile if one.cost - best.cost < AS_LIKELY and abs(one.row[FOCAL] - best.row[FOCAL]) > UNSURE]
+def _others(profile: list[_Found], best: _Found) -> tuple[tuple[Array, float], ...]:
+    """Those of the profile that are nearly as likely as the best one: at most MOST_OTHERS, from the shortest focal length to the longest."""
+    likely = [one for one in profile if one.cost - best.cost < AS_LIKELY and abs(one.row[FOCAL] - best.row[FOCAL]) > UNSURE]
     chosen = np.unique(np.linspace(0, len(likely) - 1, min(len(likely), MOST_OTHERS)).round().astype(np.int64))
-    return np.array([likely[k] for k in chosen.tolist()]).reshape(-1, 11)
+    return tuple((likely[k].row, likely[k].cost - best.cost) for k in chosen.tolist())
 
 
 def _row(focal: float, pitch: float, roll: float, height: float) -> Array:
