@@ -88,7 +88,8 @@ class _Calibrator:
             single = SingleView(row, (), 0.0)
         if single is None:
             count = int(table.whole.sum())
-            self.problems.append(f"{name}: {count} boxes show whole bodies, needs at least {LEAST_BOXES} that are apart in time")
+            needed = f"needs at least {LEAST_BOXES} that are apart in time, of people below a horizon"
+            self.problems.append(f"{name}: {count} boxes show whole bodies, {needed}")
             return
         self.views[name] = CameraBoxes(name, camera.camera, table, single)
         if row is not None:
@@ -211,8 +212,13 @@ class _Calibrator:
                 score, share = self._share(name, row, 1.0)
                 if share >= LEAST_SHARE and score >= LEAST_SCORE:
                     found.append((score * share, name, row))
-        surest = sorted(found, key=lambda one: -one[0])[:TRIED]
-        return self._best_of([{**self.rows, name: row} for _, name, row in surest])
+        while found:
+            surest = sorted(found, key=lambda one: -one[0])[:TRIED]
+            if self._best_of([{**self.rows, name: row} for _, name, row in surest]):
+                return True
+            failed = {name for _, name, _ in surest}
+            found = [one for one in found if one[1] not in failed]
+        return False
 
     def _best_of(self, frames: list[dict[str, Array]]) -> bool:
         """Take those parameters of cameras whose last one agrees best with the others once all are adjusted; False where none agree.
