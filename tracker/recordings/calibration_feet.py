@@ -236,7 +236,7 @@ class CalibrationCase:
     """What a calibration is tested on: fixed cameras, their boxes, and true people or None.
 
     rate: frames per second. lenses, extrinsics, rays: by camera. area: (2, 2) m or None. band: lowest and highest stature, m.
-    occluders: height map of walls and furniture, or None.
+    occluders: height map of walls and furniture, or None. later: camera → frames by which its clock says that pictures are later.
     """
 
     rate: float
@@ -249,10 +249,13 @@ class CalibrationCase:
     area: Array | None
     band: tuple[float, float]
     occluders: Ground | None = None
+    later: Mapping[str, float] = field(default_factory=dict)
 
     @staticmethod
     def of(recording: Recording) -> CalibrationCase:
         """The fixed cameras of a recording with their boxes, of so many frames that there are at most MOST_BOXES."""
+        apart = {name: recording.apart(name) * recording.rate for name in recording.clocks}
+        later = {name: float(np.median(frames)) for name, frames in apart.items() if len(frames)}
         recording = recording.in_step()
         fixed = recording.fixed
         counts = np.zeros(recording.frames + 1, dtype=np.int64)
@@ -272,6 +275,7 @@ class CalibrationCase:
             None if recording.area is None else np.asarray(recording.area),
             recording.height,
             recording.occluders,
+            later,
         )
 
     @property

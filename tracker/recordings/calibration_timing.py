@@ -240,7 +240,8 @@ def _delay_to(case: CalibrationCase, name: str, truth: Motion) -> Delay | None:
     """The delay of a camera against truth: the best whole frame, and the rest by regression."""
     feet = case.sampled_feet(name)
     own = Motion(feet.frame, feet.point, np.full_like(feet.point, np.nan))
-    return delay_between(own, truth, (centre_of(case, name), None), _best_shift(own, truth))
+    delay = delay_between(own, truth, (centre_of(case, name), None), _best_shift(own, truth))
+    return None if delay is None else replace(delay, frames=delay.frames + case.later.get(name, 0.0))
 
 
 def centre_of(case: CalibrationCase, name: str) -> Array:
@@ -379,7 +380,7 @@ def _pair_delays(case: CalibrationCase) -> dict[tuple[str, str], Delay]:
         shift = _best_shift(motion[a], motion[b])
         delay = delay_between(motion[a], motion[b], (centre_of(case, a), centre_of(case, b)), shift)
         if delay is not None:
-            out[a, b] = delay
+            out[a, b] = replace(delay, frames=delay.frames + case.later.get(a, 0.0) - case.later.get(b, 0.0))
     return out
 
 

@@ -38,17 +38,11 @@ def estimated_offsets(recording: Recording) -> dict[str, float]:
         return {}
     # A delay is against the mean of the others. A frame that is numbered late shows an earlier time.
     share = (len(delays) - 1) / len(delays)
-    found = {name: _told(recording, name) - share * delay.frames / rate for name, delay in delays.items()}
+    found = {name: -share * delay.frames / rate for name, delay in delays.items()}
     middle = float(np.median(list(found.values())))
     errors = student.isf(SIGNIFICANCE / (2 * len(found)), QUARTERS - 1)
     sure = {name: found[name] - middle for name in found if abs(found[name] - middle) > errors * share * delays[name].spread / rate}
     return {name: round(seconds, 4) for name, seconds in sure.items()} if max(map(abs, sure.values()), default=0.0) > LEAST_DELAY else {}
-
-
-def _told(recording: Recording, name: str) -> float:
-    """Mean s by which a camera's pictures are later than the frames in which they are compared, by its own clock."""
-    apart = recording.apart(name)
-    return float(np.mean(apart)) if len(apart) else 0.0
 
 
 def with_offsets(recording: Recording, offsets: dict[str, float]) -> Recording:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import itertools
 import re
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +18,8 @@ from tracker.detector_models.observations import TruePeople, observed
 from tracker.metrics.evaluation import evaluate
 from tracker.pipeline import Parameters, track
 from tracker.recordings import Recording
+from tracker.recordings.calibration_feet import CalibrationCase
+from tracker.recordings.calibration_timing import delays_among
 from tracker.recordings.clock_offsets import estimated_offsets, parsed_offsets, with_offsets
 from tracker.recordings.clocks import TOGETHER, CameraClock, Schedule
 from tracker.recordings.degradation import Degradation, degraded_boxes, projected_boxes
@@ -161,6 +165,21 @@ def test_offsets_of_clocks_are_found_and_applied(late: int) -> None:
     assert mended.frames >= room.frames
     assert mended.clocks["C2"].time(0, 4.0) == late / 4
     assert len(list(mended.sequence().ticks)) >= room.frames
+
+
+def test_parts_of_a_frame_that_a_clock_tells_are_no_delay() -> None:
+    whole = walked_room(frames=480, speed=0.8)
+
+    def third(of: Mapping[int, Any], first: int) -> dict[int, Any]:
+        return {(frame - first) // 3: value for frame, value in of.items() if frame >= first and (frame - first) % 3 == 0}
+
+    assert whole.truth is not None
+    boxes = {name: third(of, int(name == "C2")) for name, of in whole.detections.items()}
+    room = replace(whole, rate=whole.rate / 3, detections=boxes, truth=third(whole.truth, 0))
+    assert abs(estimated_offsets(room)["C2"] - 1 / whole.rate) < 0.05
+    known = replace(room, clocks={"C2": CameraClock(offset=1 / whole.rate)})
+    assert max(abs(delay.frames) for delay in delays_among(CalibrationCase.of(known)).values()) < 0.1
+    assert not any(estimated_offsets(known).values())
 
 
 def test_boxes_are_projected_and_degraded_at_the_times_of_each_camera() -> None:
