@@ -14,7 +14,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
-from tracker.calibration.body import CX, CY, EDGES, FOCAL, GLOBALS, HEIGHT, K1, MEAN_STATURE, NAMES, OF_BOXES, OFFSET, boxes_of, ground_places
+from tracker.calibration.body import CX, CY, EDGES, GLOBALS, HEIGHT, K1, MEAN_STATURE, NAMES, OF_BOXES, OFFSET, X, Y, boxes_of, ground_places
 from tracker.calibration.marginal import PeoplesPaths, local_covariances
 from tracker.calibration.people import Observations
 from tracker.calibration.single_view import SPREAD, STATURE
@@ -50,8 +50,10 @@ INTEGRATED, STEADY, PART = 7, 1e-4, 0.6
 """Steps with paths integrated out, their damping, and the part of them that is made, as smoothness and steps would swing each other."""
 CELL = 5.0
 """m: side of places where errors of boxes are alike."""
-FARTHEST_STEP = 0.3
-"""Of the logarithm of a focal length or a height. Steps with paths integrated out end where one would be longer: its equations do not hold so far."""
+FARTHEST_STEP = np.where(np.isin(np.arange(len(NAMES)), [X, Y]), 5.0, 0.3)
+"""Of the parameters of a camera. Steps with paths integrated out end where one would be longer: its equations do not hold so far."""
+WORSE = 1.5
+"""By what factor the cost may rise in a step with paths integrated out, which ends them where it rises more."""
 DAMPING, LEAST = 1e-3, 1e-6
 """Of the first step; and what keeps people whose boxes all have no pixel from making a matrix singular."""
 
@@ -365,7 +367,7 @@ class Problem:
             self.rescale(system["lever"])
             camera, people = self._step(system, STEADY, moving)
             moved = self._moved(state, (PART * camera, PART * people))
-            if not (np.abs(moved[0] - state[0])[:, [FOCAL, HEIGHT]] < FARTHEST_STEP).all():
+            if not (np.abs(moved[0] - state[0]) < FARTHEST_STEP).all() or not self.cost(moved) < WORSE * self.cost(state):
                 break
             state = moved
             self.rows, self.body, self.stature, self.place = state
