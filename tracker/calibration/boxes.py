@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+from scipy.optimize import isotonic_regression, linear_sum_assignment
 
 from tracker.geometry import Array, Ints, Mask
 from tracker.geometry.camera_protocol import Camera
@@ -39,6 +39,10 @@ COASTING = 0.8
 """s without a box after which a tracklet ends; at least two frames."""
 SMOOTHING = 0.3
 """s over which velocities in the image are averaged."""
+WALKING = (1.5, 0.5)
+"""s, and body heights in the image: a tracklet that lasts so long and goes so far is of somebody who walks."""
+SUREST, LEAST_SHARE = 0.1, 0.25
+"""Share of boxes that are the surest ones. Others are used where so many of them walk, over what it is among the surest."""
 CLEARLY = 2.0
 """A link needs to be so many times nearer than the next one: otherwise the tracklet ends."""
 
@@ -73,7 +77,7 @@ class LinkedBoxes:
 
 
 def linked_boxes(camera: Camera, boxes: FrameBoxes, rate: float, clock: CameraClock | None = None) -> LinkedBoxes:
-    """The boxes of a camera at `rate` frames/s, or at the times of its own clock, linked to tracklets."""
+    """The boxes of a camera at `rate` frames/s, or at the times of its own clock, linked to tracklets. False ones are left out."""
     parts = [(frame, *_of_frame(camera, *boxes[frame])) for frame in sorted(boxes) if len(boxes[frame][0])]
     edges = np.concatenate([part[1] for part in parts] or [np.zeros((0, 4))])
     whole = np.concatenate([part[2] for part in parts] or [np.zeros(0, dtype=bool)])
@@ -83,8 +87,35 @@ def linked_boxes(camera: Camera, boxes: FrameBoxes, rate: float, clock: CameraCl
         middle = np.mod(middle, camera.width)
     time = frame / rate if clock is None else np.array([clock.time(one, rate) for one in frame.tolist()], dtype=np.float64)
     table = LinkedBoxes(frame, time, middle, edges[:, 1], edges[:, 3], width, whole, np.zeros(len(frame), dtype=np.int64))
-    table = replace(table, track=_linked(table, rate, camera.width if camera.wraps else 0))
+    period = camera.width if camera.wraps else 0
+    table = replace(table, track=_linked(table, rate, period))
+    people = _of_people(table, np.concatenate([part[3] for part in parts] or [np.zeros(0)]))
+    if not people.all():
+        table = table.select(people)
+        table = replace(table, track=_linked(table, rate, period))
     return replace(table, whole=table.whole & _inside(camera, table))
+
+
+def _of_people(table: LinkedBoxes, confidence: Array) -> Mask:
+    """Boxes (n,) of confidences of which some are of walking people: LEAST_SHARE of what it is among the surest, or more.
+
+    Only the order of confidences counts. Furniture that a detector takes for people has the lower ones, and stands.
+    """
+    if not len(table):
+        return np.ones(0, dtype=bool)
+    count = int(table.track.max()) + 1
+    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    values = np.column_stack([table.time, table.middle, table.bottom])
+    np.minimum.at(low, table.track, values)
+    np.maximum.at(high, table.track, values)
+    tall = np.bincount(table.track, table.height, count) / np.maximum(np.bincount(table.track, minlength=count), 1)
+    extent = high - low
+    walks = (extent[:, 0] >= WALKING[0]) & (extent[:, 1:].max(axis=1) >= WALKING[1] * tall)
+    of = np.unique(confidence, return_inverse=True)[1]
+    boxes = np.bincount(of)
+    share = np.asarray(isotonic_regression(np.bincount(of, walks[table.track]) / boxes, weights=boxes).x)[of]
+    surest = float(share[confidence >= np.quantile(confidence, 1 - SUREST)].mean())
+    return np.asarray(share >= LEAST_SHARE * surest)
 
 
 def smoothed(table: LinkedBoxes, values: Array, width: float = SMOOTH) -> Array:
@@ -110,8 +141,8 @@ def _inside(camera: Camera, table: LinkedBoxes) -> Mask:
     return np.asarray(inside)
 
 
-def _of_frame(camera: Camera, box: Array, confidence: Array) -> tuple[Array, Mask]:
-    """Edges (k, 4) px of the boxes of a frame without second boxes, and which show whole bodies."""
+def _of_frame(camera: Camera, box: Array, confidence: Array) -> tuple[Array, Mask, Array]:
+    """Edges (k, 4) px of the boxes of a frame without second boxes, which show whole bodies, and confidences (k,)."""
     edges = np.column_stack([box[:, :2], box[:, :2] + box[:, 2:]])
     ratio = box[:, 3] / np.maximum(box[:, 2], 1e-6)
     kept = np.flatnonzero((box[:, 3] > LEAST_HEIGHT) & (box[:, 2] > 0))
@@ -121,13 +152,13 @@ def _of_frame(camera: Camera, box: Array, confidence: Array) -> tuple[Array, Mas
     for row in order.tolist():
         if first[row]:
             first &= (overlap[row] < SECOND) | (np.arange(len(edges)) == row)
-    edges, ratio = edges[first], ratio[first]
+    edges, ratio, confidence = edges[first], ratio[first], confidence[kept][first]
     low = camera.pixel_centre - 0.5
     margin = EDGE * camera.height
     whole = (edges[:, 1] > low + margin) & (edges[:, 3] < low + camera.height - margin) & (ratio > ASPECT[0]) & (ratio < ASPECT[1])
     if not camera.wraps:
         whole &= (edges[:, 0] > low + margin) & (edges[:, 2] < low + camera.width - margin)
-    return edges, whole & ~_hidden(edges)
+    return edges, whole & ~_hidden(edges), confidence
 
 
 def _hidden(edges: Array) -> Mask:
