@@ -81,7 +81,7 @@ class Tracker:
 
     def __init__(self, setup: Setup, parameters: Parameters, threads: ThreadPoolExecutor | None = None, solver: CliqueSolver | None = None) -> None:
         """threads: work on the views of a tick side by side."""
-        targets = replace(parameters.targets, fusion=parameters.targets.fusion.over(setup))
+        targets = parameters.targets.over(setup)
         self.setup, self.parameters = setup, parameters
         self.slam, self._features = Slam(setup, parameters.slam), ImageFeatures(setup, parameters.slam.features, threads)
         self._front_end = FrontEnd(setup, targets.fusion, parameters.images, threads)

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 UNKNOWN = 3
 """The exit code where data do not say enough, and a guess was written."""
+METRES = "a number of metres"
+"""What options of lengths need."""
 
 
 @dataclass(frozen=True)
@@ -106,17 +108,17 @@ class Calibrate:
         """What the options tell. Raises ValueError for an invalid one."""
         from tracker.calibration import Known
 
-        heights = {name: m for text in self.height for name, m in [_length("--height", text)]}
+        heights = dict(_named_number("--height", text, METRES) for text in self.height)
         distances = {}
         for text in self.distance:
-            names, m = _length("--distance", text)
+            names, m = _named_number("--distance", text, METRES)
             first, comma, second = names.partition(",")
             if not comma or not first or not second:
                 raise ValueError(f"--distance is {text!r}, needs two names, as in C1,C2=4.2")
             distances[first, second] = m
-        stature = None if self.stature == "none" else _metres(self.stature)
+        stature = None if self.stature == "none" else _positive(self.stature)
         if stature is None and self.stature != "none":
-            raise ValueError(f"--stature is {self.stature!r}, needs a number of metres above 0")
+            raise ValueError(f"--stature is {self.stature!r}, needs {METRES} above 0")
         return Known(heights, distances, stature, self.principal, self.k1, refine=self.from_ == "current")
 
     def _believed(self, recording: Recording) -> Recording:
@@ -133,16 +135,17 @@ class Calibrate:
             raise ValueError(f"{self.source}: all cameras have R and t; --from current finds what of them has moved, --from nothing forgets them")
         cameras = dict(recording.cameras)
         if self.from_ in ("nothing", "intrinsics"):
-            known = {name: camera.camera if self.from_ == "intrinsics" or camera.camera.wraps else None for name, camera in recording.fixed.items()}
-            cameras |= {name: RecordingCamera.uncalibrated(recording.cameras[name].camera.width, recording.cameras[name].camera.height, model)
-                        for name, model in known.items()}  # fmt: skip
+            for name, camera in recording.fixed.items():
+                model = camera.camera
+                kept = model if self.from_ == "intrinsics" or model.wraps else None
+                cameras[name] = RecordingCamera.uncalibrated(model.width, model.height, kept)
         return replace(recording, cameras=self._with_pixels(cameras))
 
     def _with_pixels(self, cameras: dict[str, RecordingCamera]) -> dict[str, RecordingCamera]:
         """The cameras with the pixels of --pixel-aspect, and a line for each whose size tells them. Raises ValueError for a camera with K."""
         from tracker.geometry.cameras import Pinhole
 
-        given, out = dict(_length("--pixel-aspect", text) for text in self.pixel_aspect), dict(cameras)
+        given, out = dict(_named_number("--pixel-aspect", text, "a number") for text in self.pixel_aspect), dict(cameras)
         for name, camera in cameras.items():
             model = camera.camera
             if "K" in camera.unknown and isinstance(model, Pinhole):
@@ -201,19 +204,19 @@ def _drawn(recording: Recording, paths: tuple[Array, ...]) -> tuple[str, bytes]:
         return _draw(recording, path, paths), path.read_bytes()
 
 
-def _length(option: str, text: str) -> tuple[str, float]:
-    """NAME=M. Raises ValueError for anything else."""
+def _named_number(option: str, text: str, what: str) -> tuple[str, float]:
+    """NAME=NUMBER. Raises ValueError for anything else, which says that `what` above 0 is needed."""
     name, _, number = text.rpartition("=")
-    m = _metres(number)
-    if not name or m is None:
-        raise ValueError(f"{option} is {text!r}, needs a name and a number above 0")
-    return name, m
+    value = _positive(number)
+    if not name or value is None:
+        raise ValueError(f"{option} is {text!r}, needs a name and {what} above 0")
+    return name, value
 
 
-def _metres(text: str) -> float | None:
-    """A length in m; None for a text that is none."""
+def _positive(text: str) -> float | None:
+    """A number above 0 and below 10,000; None for another text."""
     try:
-        m = float(text)
+        value = float(text)
     except ValueError:
         return None
-    return m if 0.0 < m < 1e4 else None
+    return value if 0.0 < value < 1e4 else None

@@ -53,7 +53,7 @@ SWITCHING_GAIN = 0.05
 MOST_GOALS = 48
 """Goals of a robot that predictive compares; more are thinned out evenly."""
 DRIVING_SPEED = 1.2
-"""Speed at which robots are planned to drive along a way, m/s. With 0.5 m/s, plans ended before the places that pay."""
+"""Speed at which robots are planned to drive along a way, m/s. Slower plans end before the places that pay."""
 ROUNDS = 2
 """Rounds in which the robots choose in turn, each given the choices of the others."""
 REPEATED_VIEW_GAIN = (1.0, 0.4, 0.1)

@@ -150,7 +150,7 @@ def _true_detections(data: TrialData, camera: str, k: int) -> tuple[Detections, 
 def track_with_true_association(setup: Setup, ticks: Iterable[Tick], parameters: Parameters, persons: TruePersons) -> Iterator[Estimate]:
     """The estimates of pilsim's tracker with true association: one tracker of people for each person, which gets the boxes of that person only."""
     features, slam, people = ImageFeatures(setup, parameters.slam.features), Slam(setup, parameters.slam), dict[int, MhtTracker]()
-    accepting = replace(parameters.targets, **ACCEPT_ALL)  # type: ignore[arg-type]
+    accepting = replace(parameters.targets.over(setup), **ACCEPT_ALL)  # type: ignore[arg-type]
     for tick in ticks:
         slam.step(features.find(tick))
         points, cameras, owners = list[GroundDetections](), list[Viewpoint](), list[Ints]()

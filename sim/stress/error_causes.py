@@ -156,7 +156,8 @@ def _persons_by_distance(data: TrialData, view: View, k: int) -> Ints:
     start, truth = data.setup.starts[data.setup.mounts[view.camera].robot], data.truth[k]
     if start is None or not len(view.detections) or not len(truth.person_id):
         return np.zeros(len(view.detections), dtype=np.int64)
-    ground = project_to_ground(data.setup, view.camera, view.detections, (start.T_world_robot, start.covariance), FusionParameters())
+    fusion = FusionParameters().over(data.setup)
+    ground = project_to_ground(data.setup, view.camera, view.detections, (start.T_world_robot, start.covariance), fusion)
     distance = planar_distance(ground.point, truth.feet)
     return np.where(ground.grounded & (distance.min(axis=1) < MATCH_DISTANCE), truth.person_id[distance.argmin(axis=1)], 0)
 

@@ -103,19 +103,23 @@ def _of_people(table: LinkedBoxes, confidence: Array) -> Mask:
     """
     if not len(table):
         return np.ones(0, dtype=bool)
-    count = int(table.track.max()) + 1
-    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
-    values = np.column_stack([table.time, table.middle, table.bottom])
-    np.minimum.at(low, table.track, values)
-    np.maximum.at(high, table.track, values)
-    tall = np.bincount(table.track, table.height, count) / np.maximum(np.bincount(table.track, minlength=count), 1)
-    extent = high - low
+    extent = extents(table, np.column_stack([table.time, table.middle, table.bottom]))
+    tall = np.bincount(table.track, table.height) / np.bincount(table.track)
     walks = (extent[:, 0] >= WALKING[0]) & (extent[:, 1:].max(axis=1) >= WALKING[1] * tall)
     of = np.unique(confidence, return_inverse=True)[1]
     boxes = np.bincount(of)
     share = np.asarray(isotonic_regression(np.bincount(of, walks[table.track]) / boxes, weights=boxes).x)[of]
     surest = float(share[confidence >= np.quantile(confidence, 1 - SUREST)].mean())
     return np.asarray(share >= LEAST_SHARE * surest)
+
+
+def extents(table: LinkedBoxes, values: Array) -> Array:
+    """Greatest less least (tracklets, k) of values (n, k) of the boxes of each tracklet; −inf for a number that no tracklet has."""
+    count = int(table.track.max(initial=0)) + 1
+    low, high = np.full((count, values.shape[1]), np.inf), np.full((count, values.shape[1]), -np.inf)
+    np.minimum.at(low, table.track, values)
+    np.maximum.at(high, table.track, values)
+    return high - low
 
 
 def smoothed(table: LinkedBoxes, values: Array, width: float = SMOOTH) -> Array:

@@ -85,7 +85,7 @@ class _Calibrator:
         row = self._given(name, camera)
         single = single_view(camera.camera, table, "K" not in camera.unknown, self.known.heights.get(name))
         if row is not None:
-            single = SingleView(row, (), 0.0)
+            single = SingleView(row, ())
         if single is None:
             count = int(table.whole.sum())
             needed = f"needs at least {LEAST_BOXES} that are apart in time, of people below a horizon"
@@ -199,7 +199,7 @@ class _Calibrator:
             name = surest[0][1][0] if surest else max(self.views, key=lambda one: int(self.views[one].table.whole.sum()))
             self.rows = {name: self.views[name].single.row.copy()}
 
-    def _join(self, left: list[str], matches: dict[tuple[str, str], list[Match]]) -> bool:
+    def _join(self, left: list[str], matches: Mapping[tuple[str, str], list[Match]]) -> bool:
         """Bring one more camera into the frame, the one that agrees best with those there; False where none does."""
         found: list[tuple[float, str, Array]] = []
         for name in left:
@@ -225,14 +225,14 @@ class _Calibrator:
 
         A camera in a wrong place draws the others out of theirs.
         """
-        before, best = self.rows, (0.0, self.rows)
+        best = 0.0, self.rows
         for frame in frames:
             self.rows = frame
             self._adjust(rough=True)
             shares = [self._share(name) for name in self.rows]
             if min(share for _, share in shares) >= LEAST_SHARE:
                 best = max(best, (shares[-1][0] * shares[-1][1], self.rows), key=lambda one: one[0])
-        self.rows = best[1] if best[0] > 0 else before
+        self.rows = best[1]
         return best[0] > 0
 
     def _share(self, name: str, row: Array | None = None, tight: float = TIGHT) -> tuple[float, float]:

@@ -9,7 +9,7 @@ from itertools import combinations
 
 import numpy as np
 
-from tracker.calibration.boxes import LinkedBoxes, smoothed
+from tracker.calibration.boxes import extents, smoothed
 from tracker.calibration.registration import ERROR, FAR_ERROR, CameraBoxes, Paths, paths_of
 from tracker.calibration.single_view import thinned
 from tracker.geometry import Array, Ints, Mask
@@ -57,7 +57,7 @@ def observations(views: Mapping[str, CameraBoxes], rows: Mapping[str, Array], st
         used = thinned(t, SPACING)
         who = of_track[t.track[used]]
         shared = np.array([cameras[one] > 1 for one in who.tolist()], dtype=bool)
-        keep = (who >= 0) & (shared | (_durations(t)[t.track[used]] >= ALONE))
+        keep = (who >= 0) & (shared | (extents(t, t.time[:, None])[t.track[used], 0] >= ALONE))
         parts.append((k, t.select(used[keep]), who[keep], smoothed(t, t.height[:, None])[used[keep], 0]))
     stride = 1 + sum(len(who) for _, _, who, _ in parts) // most
     parts = [(k, t.select(np.arange(0, len(who), stride)), who[::stride], tall[::stride]) for k, t, who, tall in parts]
@@ -67,14 +67,6 @@ def observations(views: Mapping[str, CameraBoxes], rows: Mapping[str, Array], st
     high = np.concatenate([tall for _, _, _, tall in parts])
     sigma = np.hypot(EDGE * high, EDGE_PIXELS)[:, None] * np.ones(3)
     return Observations(view, person.astype(np.int64), np.concatenate([t.time for _, t, _, _ in parts]), box, sigma)
-
-
-def _durations(table: LinkedBoxes) -> Array:
-    """s from the first to the last box of each tracklet."""
-    first, last = np.full(int(table.track.max(initial=0)) + 1, np.inf), np.zeros(int(table.track.max(initial=0)) + 1)
-    np.minimum.at(first, table.track, table.time)
-    np.maximum.at(last, table.track, table.time)
-    return np.asarray(last - first)
 
 
 def _joined(paths: list[Paths], tight: float) -> list[Ints]:

@@ -48,12 +48,10 @@ class SingleView:
     """What a camera says by itself. row (11,): parameters as in body.NAMES. others: nearly as likely ones with other focal lengths.
 
     With each of these stands by how much the logarithm of its density is less than that of `row`.
-    spread: of the logarithm of statures that is left; 0.06 to 0.1 for right ones.
     """
 
     row: Array
     others: tuple[tuple[Array, float], ...]
-    spread: float
 
     @property
     def tried(self) -> tuple[tuple[Array, float], ...]:
@@ -97,18 +95,17 @@ def single_view(camera: Camera, table: LinkedBoxes, known_focal: bool, height: f
         return None
     best = min(profile, key=lambda found: found.cost)
     if fixed:
-        return SingleView(best.row, (), best.spread)
+        return SingleView(best.row, ())
     found = min((_refined(sample, best.row, False, height), best), key=lambda one: one.cost)
-    return SingleView(found.row, _others(profile, found), found.spread)
+    return SingleView(found.row, _others(profile, found))
 
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """A maximum of the posterior density: its cost, half the sum of squares; parameters (11,); and the spread of statures."""
+    """A maximum of the posterior density: its cost, half the sum of squares, and parameters (11,)."""
 
     cost: float
     row: Array
-    spread: float
 
 
 def _profile(sample: _Sample, fixed: bool, height: float | None) -> list[_Found]:
@@ -198,8 +195,11 @@ def _refined(sample: _Sample, start: Array, fixed: bool, height: float | None) -
     order = np.argsort(sample.person, kind="stable")
     ends = np.searchsorted(sample.person[order], np.arange(people))
 
+    def row_of(x: Array) -> Array:
+        return _row(start[FOCAL] if fixed else x[3], x[0], x[1], x[2])
+
     def residuals(x: Array) -> Array:
-        row = _row(start[FOCAL] if fixed else x[3], x[0], x[1], x[2])
+        row = row_of(x)
         top, rise, valid = _tops(sample, row)
         log = (top - sample.table.top) / rise
         weight = np.where(valid & (np.abs(log) < 0.4), (rise / sample.error) ** 2, 1e-6)
@@ -207,13 +207,9 @@ def _refined(sample: _Sample, start: Array, fixed: bool, height: float | None) -
         sums = np.add.reduceat(np.column_stack([weight * log, weight])[order], ends)
         mean = sums[:, 0] / (sums[:, 1] + (STATURE / SPREAD) ** 2)
         own = np.where(valid, (log - mean[sample.person]) * rise / sample.error, BEYOND)
-        prior = [x[1] / ROLL_SIGMA, (x[2] - level[0]) / level[1], ((start[FOCAL] if fixed else x[3]) - usual) / USUAL_FOCAL[1]]
+        prior = [x[1] / ROLL_SIGMA, (x[2] - level[0]) / level[1], (row[FOCAL] - usual) / USUAL_FOCAL[1]]
         return np.concatenate([share * own / np.sqrt(1 + (own / 2.5) ** 2 / 2), share * mean * STATURE / SPREAD, prior])
 
     x0 = np.array([start[PITCH], start[ROLL], start[HEIGHT] if height is None else np.log(height), *([] if fixed else [start[FOCAL]])])
     found = least_squares(residuals, x0, x_scale=np.array([0.05, 0.03, 0.1, *([] if fixed else [0.1])]), max_nfev=40)
-    row = _row(start[FOCAL] if fixed else found.x[3], found.x[0], found.x[1], found.x[2])
-    top, rise, valid = _tops(sample, row)
-    log = (top - sample.table.top) / rise
-    spread = float(1.48 * np.median(np.abs(log[valid] - np.median(log[valid])))) if valid.any() else np.inf
-    return _Found(float(found.cost), row, spread)
+    return _Found(float(found.cost), row_of(found.x))

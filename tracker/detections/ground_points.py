@@ -51,9 +51,8 @@ class FusionParameters:
         """These parameters with a reach that has the whole area in it, from each fixed camera."""
         if setup.area is None:
             return self
-        places = [start.T_world_robot.translation[:2] for robot, start in setup.starts.items() if start is not None and setup.is_fixed(robot)]
-        farthest = [np.linalg.norm(np.abs(place - setup.area).max(axis=0)) for place in places]
-        return replace(self, reach=max(self.reach, *map(float, farthest))) if farthest else self
+        farthest = np.abs(setup.fixed_places[:, None] - setup.area).max(axis=1)
+        return replace(self, reach=float(np.linalg.norm(farthest, axis=1).max(initial=self.reach)))
 
 
 @dataclass(frozen=True, eq=False)

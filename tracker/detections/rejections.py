@@ -60,7 +60,7 @@ def explain_few_people(counters: Mapping[str, int], places: int, setup: Setup, f
     low, high = setup.height
     reasons = {
         NO_POSE: "are of robots that are not localized",
-        NO_GROUND: f"have no ground point (the lower edge is above the horizon or more than {fusion.reach:g} m away)",
+        NO_GROUND: f"have no ground point (the lower edge is above the horizon or more than {fusion.over(setup).reach:.0f} m away)",
         TOO_LOW: f"are lower than {low:g} m",
         TOO_HIGH: f"are higher than {high:g} m",
         HIDDEN_FEET: "may hide the feet",

@@ -37,8 +37,8 @@ class RegistrationBias:
     def __init__(self, setup: Setup, parameters: RegistrationBiasParameters) -> None:
         self.parameters, p = parameters, parameters
         fixed = [robot for robot in setup.starts if setup.is_fixed(robot)]
-        places = [start.T_world_robot.translation[:2] for robot, start in setup.starts.items() if start is not None and robot in fixed]
-        self.centre = setup.area.mean(axis=0) if setup.area is not None else np.mean(places, axis=0) if places else np.zeros(2)
+        places = setup.fixed_places
+        self.centre = setup.area.mean(axis=0) if setup.area is not None else places.mean(axis=0) if len(places) else np.zeros(2)
         self._estimates: dict[str, tuple[Array, Array]] = {}
         for k, (camera, mount) in enumerate(setup.mounts.items()):
             sigma, slope = (p.sigma, SLOPE) if k else (min(p.first, p.sigma), SLOPE_FIRST)

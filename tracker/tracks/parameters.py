@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from tracker.detections.ground_points import FusionParameters
 from tracker.tracks.calibration_bias import RegistrationBiasParameters
@@ -10,6 +10,7 @@ from tracker.tracks.detection_rates import DetectionRateParameters
 from tracker.tracks.measurement_noise import MeasurementNoiseParameters
 from tracker.tracks.reidentification import ReidentificationParameters
 from tracker.tracks.tracks import MotionParameters
+from tracker.types import Setup
 
 
 @dataclass(frozen=True)
@@ -52,3 +53,7 @@ class MhtParameters:
     i_bls_max: int = 2000  # moves of the local search, at most
     branches: int = 20  # of branch and bound in one component of the graph, at most; they bound the time of a tick
     seed: int = 0  # of the local search
+
+    def over(self, setup: Setup) -> MhtParameters:
+        """These parameters with `fusion.over` the setup."""
+        return replace(self, fusion=self.fusion.over(setup))

@@ -91,6 +91,12 @@ class Setup:
         return start is not None and not start.covariance.any()
 
     @property
+    def fixed_places(self) -> Array:
+        """x, y (n, 2) m of the robots that stand for fixed cameras."""
+        places = [start.T_world_robot.translation[:2] for robot, start in self.starts.items() if start is not None and self.is_fixed(robot)]
+        return np.array(places).reshape(-1, 2)
+
+    @property
     def moving_robots(self) -> tuple[str, ...]:
         """Robots that are not fixed cameras, in the order of `starts`, whether their start pose is known or not."""
         return tuple(robot for robot in self.starts if not self.is_fixed(robot))
