@@ -28,9 +28,10 @@ from sim.effects import averaged
 from sim.parallel.pool import cluster, drawing_alone, losses, processes
 from sim.recording.shots import Moment, MountedRig, PartShot, ShotPlan, ShutterPart
 from sim.rendering.coverage import UnoccludedExtent
+from sim.rendering.cubemap import RenderedImage
 from sim.rendering.draw_list import classes
 from sim.rendering.gl_context import choose_gl
-from sim.rendering.panorama import PanoramaRenderer, RenderedImage
+from sim.rendering.panorama import PanoramaRenderer
 from sim.sensors.true_boxes import InstanceImage, seen_people
 from sim.simulation.simulation import Simulation
 from tracker.geometry import Array, Image
@@ -112,8 +113,7 @@ class MomentRenderer:
     def draw(self, moment: Moment) -> Drawn:
         """Coded images and people of a moment."""
         rendered, form, files = self.render(moment), self.scene.form, {}
-        kinds = {name: image.classes for name, image in rendered.images.items() if image.classes is not None}
-        layers = Layers({k: image.instances for k, image in rendered.images.items()}, {k: image.range for k, image in rendered.images.items()}, kinds)
+        layers = Layers(*({name: getattr(image, of) for name, image in rendered.images.items()} for of in ("instances", "range", "classes")))
         for name, image in rendered.images.items():
             if not self.scene.raw:
                 path, options = form.colour_file(view_name(name, moment.frame))
@@ -173,11 +173,9 @@ class _Picture:
 
     def image(self) -> RenderedImage:
         """The picture with its truth."""
-        shots = [(part, image) for part, image, _ in self._truth]
-        instances = self._pasted([(part, image.instances) for part, image in shots], 0)
-        distance = self._pasted([(part, image.range) for part, image in shots], np.inf)
-        kinds = [(part, image.classes) for part, image in shots if image.classes is not None]
-        return RenderedImage(self.colour, instances, distance, self._pasted(kinds, 0) if kinds else None)
+        instances = self._pasted([(part, image.instances) for part, image, _ in self._truth], 0)
+        distance = self._pasted([(part, image.range) for part, image, _ in self._truth], np.inf)
+        return RenderedImage(self.colour, instances, distance, self._pasted([(part, image.classes) for part, image, _ in self._truth], 0))
 
     def extents(self, people: int) -> list[UnoccludedExtent]:
         """Extents of all people without occlusion."""

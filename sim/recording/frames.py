@@ -14,7 +14,7 @@ from typing import NamedTuple, final
 import numpy as np
 
 from sim.cameras.view_clock import TimedPicture, ViewClock, parse_view_clocks
-from sim.rendering.panorama import RenderedImage
+from sim.rendering.cubemap import RenderedImage
 from sim.scenario import Scenario
 from sim.sensors.raycast_camera import RaycastCamera, RobotDetector, is_rover_panorama
 from sim.sensors.robot_sensors import RobotSensors

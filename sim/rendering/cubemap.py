@@ -11,7 +11,7 @@ A real lens shows something else there. Such pixels are blind: black, without in
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,8 +27,6 @@ UNIFORM = np.uint32(1 << 31)
 """Bit that marks a texel whose right, upper and upper right neighbours have the same code."""
 BORDER = 2
 """Texels that a face has on each side beyond what the camera sees."""
-DENSITY = 1.0
-"""Texels along a pixel where the face is coarsest. Values below 1 skip texels of the scene, values above 1 smooth the image."""
 NARROW = 1.2
 """Largest tangent from the centre of a field of view that one face covers. The faces of a cube are cheaper for a wider field."""
 LARGEST_BLIND_SHARE = 0.5
@@ -63,12 +61,16 @@ class Atlas:
 
 
 @dataclass(frozen=True, eq=False)
-class Sampled:
-    """Sampled image of a camera: colour (H, W, 3) RGB; range (H, W) m along the ray; values: (H, W) for every lookup table."""
+class RenderedImage:
+    """The image of one camera: colour (H, W, 3) RGB; instances (H, W), 0 for the background; range (H, W) m along the ray, inf for no hit.
+
+    classes (H, W): classes of worlds.semantics, 0 for no hit, and everywhere if the renderer does not know them.
+    """
 
     colour: NDArray[np.uint8]
+    instances: NDArray[np.uint16]
     range: NDArray[np.float32]
-    values: tuple[NDArray[Any], ...]
+    classes: NDArray[np.uint8]
 
 
 def inverse_depth(near: float, far: float) -> tuple[float, float]:
@@ -80,24 +82,18 @@ def values_and_ranges(
     atlas: Atlas,
     table: tuple[NDArray[np.uint32], NDArray[np.uint16], NDArray[np.float32]],
     limits: tuple[float, float],
-    lookups: Sequence[NDArray[Any]],
-) -> tuple[tuple[NDArray[Any], ...], NDArray[np.float32]]:
-    """Values of the nearest texel's code by one or two lookup tables (codes,), and range in m (inf where the code is 0), of every pixel (H, W).
+    lookups: tuple[NDArray[np.uint16], NDArray[np.uint8]],
+) -> tuple[NDArray[np.uint16], NDArray[np.uint8], NDArray[np.float32]]:
+    """Instances and classes of the nearest texel's code, and range in m (inf where the code is 0), of every pixel (H, W).
 
-    table: first, fraction and range_per_depth of a FaceTable. limits: near and far plane, m.
+    table: first, fraction and range_per_depth of a FaceTable. limits: near and far plane, m. lookups (codes,): instance and class of a code.
     Depth is interpolated bilinearly where the four neighbours have one code, which is exact on planes. Elsewhere the nearest texel counts.
-    Raises ValueError for another number of lookup tables.
     """
-    if not 1 <= len(lookups) <= 2:
-        raise ValueError(f"there are {len(lookups)} lookup tables, needs 1 or 2")
     tags, shape = np.empty(atlas.codes.shape, np.uint32), table[0].shape
     _mark_uniform(atlas.codes, tags)
-    values = tuple(np.empty(shape, lookup.dtype) for lookup in lookups)
-    # The second table is empty where there is one, so that one kernel serves both.
-    none = np.empty((0, 0), np.uint8)
-    second = (lookups[1], values[1]) if len(lookups) == 2 else (none.ravel(), none)
+    instances, classes = np.empty(shape, np.uint16), np.empty(shape, np.uint8)
     inverse = np.array(inverse_depth(*limits), np.float32)
-    return values, _sampled((tags, atlas.depth), table, inverse, (lookups[0], second[0]), (values[0], second[1]))
+    return instances, classes, _sampled((tags, atlas.depth), table, inverse, lookups, (instances, classes))
 
 
 @njit(cache=True)
@@ -120,7 +116,6 @@ def _sampled(atlas, table, inverse, lookups, values):  # type: ignore[no-untyped
     first, fraction, range_per_depth = table
     pitch, one, half = np.uint64(atlas[0].shape[1]), np.uint64(1), np.uint32(15)
     height, width = first.shape
-    two = values[1].size > 0
     distance = np.empty((height, width), np.float32)
     slope, offset, whole = inverse[0], inverse[1], np.float32(1 / 65536)
     for i in range(height):
@@ -137,8 +132,7 @@ def _sampled(atlas, table, inverse, lookups, values):  # type: ignore[no-untyped
                 code, deep = tags[near], depth[near]
             code &= ~UNIFORM
             values[0][i, j] = lookups[0][np.uint64(code)]
-            if two:
-                values[1][i, j] = lookups[1][np.uint64(code)]
+            values[1][i, j] = lookups[1][np.uint64(code)]
             distance[i, j] = range_per_depth[i, j] / (slope * deep + offset) if code else np.float32(np.inf)
     return distance
 
@@ -198,14 +192,12 @@ class FaceTable:
     colour_maps: tuple[Any, Any]
 
     @staticmethod
-    def make(camera: Camera, density: float = DENSITY) -> FaceTable:
-        """The table of a camera; density: texels along a pixel, where they are fewest.
+    def make(camera: Camera) -> FaceTable:
+        """The table of a camera; a face has one texel along a pixel where they are fewest. Fewer skip parts of the scene, more smooth the image.
 
-        Raises ValueError for a density outside [0.25, 16], and if more than LARGEST_BLIND_SHARE of a pinhole's image is blind.
+        Raises ValueError if more than LARGEST_BLIND_SHARE of a pinhole's image is blind.
         """
-        if not 0.25 <= density <= 16:
-            raise ValueError(f"density is {density}, needs 0.25 to 16 texels a pixel")
-        faces = _faces(camera, density)
+        faces = _faces(camera)
         width, drawn = max(face.width for face in faces), sum(face.height for face in faces)
         height = drawn + BLIND_ROWS * any(blind.any() for _, _, blind in _strips(camera))
         axes = np.stack([face.axes for face in faces])
@@ -230,20 +222,16 @@ class FaceTable:
             array.flags.writeable = False
         return FaceTable(faces, width, height, first, fraction, nearest, range_per_depth, maps)
 
-    def texel_positions(self) -> Array:
-        """Positions (H, W, 2) of the pixels in the atlas, texels to the right and up. Texel centres are at whole numbers."""
-        return np.stack([self.first % self.width, self.first // self.width], axis=-1) + self.fraction / 65536
-
-    def sample(self, atlas: Atlas, limits: tuple[float, float], lookups: Sequence[NDArray[Any]]) -> Sampled:
-        """Sample the atlas: bilinear colour, range (inf where the code is 0), and for one or two lookups (codes,) the value at the nearest texel.
+    def sample(self, atlas: Atlas, limits: tuple[float, float], lookups: tuple[NDArray[np.uint16], NDArray[np.uint8]]) -> RenderedImage:
+        """Sample the atlas: bilinear colour, range (inf where the code is 0), and by lookups (codes,) instance and class at the nearest texel.
 
         A code stands for one geom. Depth is reversed: 1 at limits[0] m, 0 at limits[1] m.
         It is linear in the inverse planar depth, so that its bilinear interpolation is exact on planes.
         It is interpolated where the four neighbours belong to one geom; elsewhere the nearest texel counts.
         """
-        values, distance = values_and_ranges(atlas, (self.first, self.fraction, self.range_per_depth), limits, lookups)
+        instances, classes, distance = values_and_ranges(atlas, (self.first, self.fraction, self.range_per_depth), limits, lookups)
         colour = cv2.cvtColor(cv2.remap(atlas.colour, *self.colour_maps, interpolation=cv2.INTER_LINEAR), cv2.COLOR_RGBA2RGB)
-        return Sampled(np.asarray(colour, dtype=np.uint8), distance, values)
+        return RenderedImage(np.asarray(colour, dtype=np.uint8), instances, distance, classes)
 
 
 def _strips(camera: Camera, shift: tuple[float, float] = (0.0, 0.0)) -> Iterator[tuple[slice, Array, Mask]]:
@@ -257,7 +245,7 @@ def _strips(camera: Camera, shift: tuple[float, float] = (0.0, 0.0)) -> Iterator
         yield slice(first, last), camera.bearings_from_pixels(pixels + shift), camera.blind(pixels)
 
 
-def _faces(camera: Camera, density: float) -> tuple[Face, ...]:
+def _faces(camera: Camera) -> tuple[Face, ...]:
     """One face, or the visible faces of the cube, stacked."""
     count = camera.width * camera.height
     unseen = sum(int(blind.sum()) for _, _, blind in _strips(camera)) / count
@@ -274,7 +262,7 @@ def _faces(camera: Camera, density: float) -> tuple[Face, ...]:
         if len(axes) > 1:
             # A cube face that is nearly whole becomes whole, so that all faces have the same texel grid.
             bounds = np.where(np.abs(np.abs(bounds) - 1) < 0.05, np.sign(bounds), bounds)
-        scale = density / pitch[k]
+        scale = 1 / pitch[k]
         middle, half = (bounds[0] + bounds[1]) / 2, np.ceil(np.round((bounds[1] - bounds[0]) * scale / 2, 6)) + BORDER
         row = faces[-1].row + faces[-1].height if faces else 0
         faces.append(Face(axes[k], middle - half / scale, middle + half / scale, int(2 * half[0]), int(2 * half[1]), row))

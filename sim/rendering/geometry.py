@@ -23,21 +23,11 @@ Points = NDArray[np.float32]
 Numbers = NDArray[np.int64]
 
 
-@dataclass(frozen=True, eq=False)
-class Tile:
-    """A piece of a height field in its geom's frame: points (n, 3) m, normals (n, 3), triangles (t, 3), box (6,) centre and half edges, m.
+def tiles_of(model: mujoco.MjModel, hfield: int) -> list[tuple[Shape, Array]]:
+    """Tiles of the height field of that index, in its geom's frame: its surface and side walls, without the bottom.
 
-    The normal of a triangle's last corner is the normal of the triangle.
+    Each has its box (6,): centre and half edges, m. The normal of a triangle's last corner is the normal of the triangle.
     """
-
-    points: Points
-    normals: Points
-    triangles: Numbers
-    box: Array
-
-
-def tiles_of(model: mujoco.MjModel, hfield: int) -> list[Tile]:
-    """Tiles of the height field of that index: its surface and side walls, without the bottom."""
     rows, columns, start = model.hfield_nrow[hfield], model.hfield_ncol[hfield], model.hfield_adr[hfield]
     width, depth, height, base = model.hfield_size[hfield].astype(np.float32)
     heights = model.hfield_data[start : start + rows * columns].reshape(rows, columns) * height
@@ -45,7 +35,7 @@ def tiles_of(model: mujoco.MjModel, hfield: int) -> list[Tile]:
     x = width * (np.arange(columns, dtype=np.float32) / half[0] - 1)
     y = depth * (np.arange(rows, dtype=np.float32) / half[1] - 1)
     nodes = np.stack([*np.meshgrid(x, y), heights], axis=-1).astype(np.float32)
-    tiles: list[Tile] = []
+    tiles: list[tuple[Shape, Array]] = []
     for i in range(0, rows - 1, CELLS):
         for j in range(0, columns - 1, CELLS):
             patch = nodes[i : i + CELLS + 1, j : j + CELLS + 1]
@@ -71,22 +61,22 @@ def _skirt(rim: Points, base: np.float32) -> tuple[Points, Numbers]:
     foot[:, 2] = -base
     k, n = np.arange(len(rim) - 1), len(rim)
     triangles = np.concatenate([np.stack([n + k + 1, k, k + 1], axis=1), np.stack([k, n + k + 1, n + k], axis=1)])
-    return np.concatenate([foot, rim]), triangles[:, [0, 1, 2]]
+    return np.concatenate([foot, rim]), triangles
 
 
-def _tile(parts: list[tuple[Points, Numbers]]) -> Tile:
-    """The parts as one tile; the normal of every triangle is stored at its last corner."""
+def _tile(parts: list[tuple[Points, Numbers]]) -> tuple[Shape, Array]:
+    """The parts as one tile, and its box (6,); the normal of every triangle is stored at its last corner."""
     starts = np.cumsum([0, *(len(points) for points, _ in parts[:-1])])
     points = np.concatenate([points for points, _ in parts])
     triangles = np.concatenate([triangles + start for (_, triangles), start in zip(parts, starts, strict=True)])
     corners = points[triangles]
     facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(facing, axis=1, keepdims=True)
-    normals = np.zeros_like(points)
-    normals[:, 2] = 1.0
-    normals[triangles[:, 2]] = facing / np.where(length > 0, length, 1)
+    vertices = np.zeros((len(points), 9), np.float32)
+    vertices[:, :3], vertices[:, 6] = points, 1.0
+    vertices[triangles[:, 2], 4:7] = facing / np.where(length > 0, length, 1)
     low, high = points.min(axis=0).astype(np.float64), points.max(axis=0).astype(np.float64)
-    return Tile(points, normals, triangles, np.concatenate([(low + high) / 2, (high - low) / 2]))
+    return Shape(vertices, triangles.astype(np.uint32)), np.concatenate([(low + high) / 2, (high - low) / 2])
 
 
 G = mujoco.mjtGeom
@@ -96,8 +86,6 @@ SLICES = ((48, 28), (32, 18), (20, 12), (14, 8), (10, 6))
 
 DRAWN = (G.mjGEOM_PLANE, G.mjGEOM_HFIELD, G.mjGEOM_SPHERE, G.mjGEOM_CAPSULE, G.mjGEOM_ELLIPSOID, G.mjGEOM_CYLINDER, G.mjGEOM_BOX, G.mjGEOM_MESH)
 
-Floats = NDArray[np.float32]
-
 Indices = NDArray[np.uint32]
 
 
@@ -105,7 +93,7 @@ Indices = NDArray[np.uint32]
 class Shape:
     """Vertices (n, 9): x, y, z, sign of a capsule's half (0 or ±1), normal, texture u, v. Triangles (t, 3), anticlockwise from outside."""
 
-    vertices: Floats
+    vertices: Points
     triangles: Indices
 
 
@@ -118,22 +106,21 @@ class ShapeBuffers:
     plain: geom type → finest shape. mesh, hfield: index in the model → shape, or shapes of the tiles.
     """
 
-    vertices: Floats
+    vertices: Points
     indices: Indices
-    first: NDArray[np.int64]
-    count: NDArray[np.int64]
-    base: NDArray[np.int64]
-    levels: NDArray[np.int64]
+    first: Numbers
+    count: Numbers
+    base: Numbers
+    levels: Numbers
     boxes: Array
     plain: dict[int, int]
-    mesh: NDArray[np.int64]
+    mesh: Numbers
     hfield: list[list[int]]
 
     @staticmethod
     def of(model: mujoco.MjModel) -> ShapeBuffers:
         shapes: list[Shape] = []
         levels_of: dict[int, list[int]] = {}
-        boxes: dict[int, Array] = {}
         plain = {}
         for kind, make in ((G.mjGEOM_SPHERE, sphere), (G.mjGEOM_CAPSULE, capsule), (G.mjGEOM_CYLINDER, cylinder)):
             plain[int(kind)] = len(shapes)
@@ -147,40 +134,31 @@ class ShapeBuffers:
         shapes += [mesh(model, k) for k in range(model.nmesh)]
         for fine, levels in _levels_of_detail(model).items():
             levels_of[int(meshes[fine])] = [int(meshes[k]) for k in levels]
-        hfields = []
+        boxes, hfields = [np.full(6, np.nan)] * len(shapes), []
         for k in range(model.nhfield):
-            hfields.append(list(range(len(shapes), len(shapes) + len(tiles := tiles_of(model, k)))))
-            for tile in tiles:
-                boxes[len(shapes)] = tile.box
-                shapes.append(_tile_shape(tile))
-        return _joined(shapes, _ShapeIndices(plain, meshes, hfields, levels_of, boxes))
+            tiles = tiles_of(model, k)
+            hfields.append(list(range(len(shapes), len(shapes) + len(tiles))))
+            shapes += [shape for shape, _ in tiles]
+            boxes += [extent for _, extent in tiles]
+        return ShapeBuffers(*_joined(shapes), _padded(levels_of, len(shapes)), np.array(boxes), plain, meshes, hfields)
 
 
-@dataclass(frozen=True, eq=False)
-class _ShapeIndices:
-    """Indices into a list of shapes by geom type, mesh and height field; levels of detail by finest shape; boxes by tile."""
-
-    plain: dict[int, int]
-    mesh: NDArray[np.int64]
-    hfield: list[list[int]]
-    levels_of: dict[int, list[int]]
-    boxes: dict[int, Array]
-
-
-def _joined(shapes: list[Shape], indices_of: _ShapeIndices) -> ShapeBuffers:
+def _joined(shapes: list[Shape]) -> tuple[Points, Indices, Numbers, Numbers, Numbers]:
+    """Vertices, indices, first, count and base of ShapeBuffers."""
     count = np.array([3 * len(shape.triangles) for shape in shapes])
     sizes = np.array([len(shape.vertices) for shape in shapes])
-    most = max([1, *(len(members) for members in indices_of.levels_of.values())])
-    levels = np.tile(np.arange(len(shapes))[:, None], (1, most))
-    for shape, members in indices_of.levels_of.items():
-        levels[shape] = [*members, *[members[-1]] * (most - len(members))]
-    extents = np.full((len(shapes), 6), np.nan)
-    for shape, extent in indices_of.boxes.items():
-        extents[shape] = extent
     vertices = np.concatenate([shape.vertices for shape in shapes]).astype(np.float32)
     indices = np.concatenate([shape.triangles.ravel() for shape in shapes]).astype(np.uint32)
-    first, base = np.cumsum(count) - count, np.cumsum(sizes) - sizes
-    return ShapeBuffers(vertices, indices, first, count, base, levels, extents, indices_of.plain, indices_of.mesh, indices_of.hfield)
+    return vertices, indices, np.cumsum(count) - count, count, np.cumsum(sizes) - sizes
+
+
+def _padded(levels_of: dict[int, list[int]], shapes: int) -> Numbers:
+    """Levels of ShapeBuffers. levels_of: finest shape → all its levels, finest first, where it has several."""
+    most = max([1, *(len(members) for members in levels_of.values())])
+    levels = np.tile(np.arange(shapes)[:, None], (1, most))
+    for shape, members in levels_of.items():
+        levels[shape] = [*members, *[members[-1]] * (most - len(members))]
+    return levels
 
 
 def _levels_of_detail(model: mujoco.MjModel) -> dict[int, list[int]]:
@@ -222,7 +200,7 @@ def _revolved(elevation: Array, away: Array, around: int) -> Shape:
     return Shape(vertices.reshape(-1, 9), triangles[(area > 1e-9) | (np.ptp(corners[:, :, 3], axis=1) > 0)].astype(np.uint32))
 
 
-def _quad(a: NDArray[np.int64], b: NDArray[np.int64], c: NDArray[np.int64], d: NDArray[np.int64]) -> NDArray[np.int64]:
+def _quad(a: Numbers, b: Numbers, c: Numbers, d: Numbers) -> Numbers:
     """Triangles (2 n, 3) of quadrilaterals with corners (n,), anticlockwise."""
     return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
 
@@ -259,17 +237,11 @@ def plane() -> Shape:
     return _separate_triangles(corners, np.broadcast_to(np.array([0.0, 0.0, 1.0]), corners.shape))
 
 
-def _separate_triangles(corners: Array | Floats, normals: Array | Floats) -> Shape:
+def _separate_triangles(corners: Array | Points, normals: Array | Points) -> Shape:
     """Shape of triangles with corners and normals (t, 3, 3) that share no vertices."""
     vertices = np.zeros((3 * len(corners), 9), np.float32)
     vertices[:, :3], vertices[:, 4:7] = corners.reshape(-1, 3), normals.reshape(-1, 3)
     return Shape(vertices, np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3))
-
-
-def _tile_shape(tile: Tile) -> Shape:
-    vertices = np.zeros((len(tile.points), 9), np.float32)
-    vertices[:, :3], vertices[:, 4:7] = tile.points, tile.normals
-    return Shape(vertices, tile.triangles.astype(np.uint32))
 
 
 def mesh(model: mujoco.MjModel, number: int) -> Shape:

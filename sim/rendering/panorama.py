@@ -13,14 +13,14 @@ from __future__ import annotations
 import atexit
 import weakref
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim.rendering.coverage import BITS, UnoccludedExtent, covered
-from sim.rendering.cubemap import DENSITY, Face, FaceTable
+from sim.rendering.cubemap import Face, FaceTable, RenderedImage
 from sim.rendering.draw_list import DrawList
 from sim.rendering.gl_context import GLInformation, gl_information, open_context, watched
 from sim.rendering.gl_objects import DriverTraffic
@@ -34,24 +34,11 @@ NEAR = 0.02
 """m: near plane. The depth buffer is reversed floating point, so that a close near plane costs no precision."""
 
 
-@dataclass(frozen=True, eq=False)
-class RenderedImage:
-    """The image of one camera: colour (H, W, 3) RGB; instances (H, W), 0 for the background; range (H, W) m along the ray, inf for no hit.
-
-    classes (H, W): classes of worlds.semantics, 0 for no hit; None if the renderer does not know them.
-    """
-
-    colour: NDArray[np.uint8]
-    instances: NDArray[np.uint16]
-    range: NDArray[np.float32]
-    classes: NDArray[np.uint8] | None = None
-
-
 class PanoramaRenderer:
     """Renders a scene for cameras at given poses. It is a context manager; `close` frees the OpenGL context.
 
     model: compiled; it is not changed. cameras: one or several. instance_of_geom (ngeom,) uint16: 0 is the background.
-    class_of_geom: (ngeom,) uint8 or None. density: texels of a face along a pixel of the camera, where they are fewest.
+    class_of_geom: (ngeom,) uint8; 0 for all where None.
     Geom groups 0 to 3 are drawn, sites and other decoration are not.
     Raises ValueError for arrays of another shape or type, GLUnavailable without OpenGL.
     """
@@ -62,15 +49,14 @@ class PanoramaRenderer:
         cameras: Camera | Sequence[Camera],
         instance_of_geom: NDArray[np.uint16],
         class_of_geom: NDArray[np.uint8] | None = None,
-        *,
-        density: float = DENSITY,
     ) -> None:
         self._instance_of_code = _table_by_code(model, "instance_of_geom", instance_of_geom, np.uint16)
-        self._class_of_code = None if class_of_geom is None else _table_by_code(model, "class_of_geom", class_of_geom, np.uint8)
+        kinds = np.zeros(model.ngeom, np.uint8) if class_of_geom is None else class_of_geom
+        self._class_of_code = _table_by_code(model, "class_of_geom", kinds, np.uint8)
         self.cameras: tuple[Camera, ...] = tuple(cameras) if isinstance(cameras, Sequence) else (cameras,)
         if not self.cameras:
             raise ValueError("there are 0 cameras, needs at least 1")
-        self._tables = [FaceTable.make(camera, density) for camera in self.cameras]
+        self._tables = [FaceTable.make(camera) for camera in self.cameras]
         self._planes = [np.stack([face.planes for face in table.faces]) for table in self._tables]
         self._resolution = [max(face.resolution for face in table.faces) for table in self._tables]
         self._draw_list = DrawList(model)
@@ -173,9 +159,7 @@ class PanoramaRenderer:
                 renderer.draw(_viewport(face), self._projection(pose, face), listed, start)
                 renderer.draw_sky(_viewport(face), (face.axes @ pose.rotation.T).T, edges)
             atlas = renderer.read(table.width, table.height)
-        known = [self._instance_of_code] if self._class_of_code is None else [self._instance_of_code, self._class_of_code]
-        sampled = table.sample(atlas, (NEAR, self._far), known)
-        return RenderedImage(sampled.colour, sampled.values[0], sampled.range, None if self._class_of_code is None else sampled.values[1])
+        return table.sample(atlas, (NEAR, self._far), (self._instance_of_code, self._class_of_code))
 
     def _unoccluded(self, pose: Pose, marked: NDArray[np.int64], bodies: int, index: int) -> list[UnoccludedExtent]:
         """Extents of `bodies` bodies for a camera. marked: the records that are drawn, which have the bits of the bodies."""

@@ -12,7 +12,8 @@ import matplotlib.figure
 import matplotlib.patches
 import numpy as np
 
-from sim.rendering.panorama import PanoramaRenderer, RenderedImage
+from sim.rendering.cubemap import RenderedImage
+from sim.rendering.panorama import PanoramaRenderer
 from sim.scenario import Scenario
 from sim.simulation import wheel_slip
 from sim.simulation.simulation import Simulation, world_of

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.rendering.panorama import RenderedImage
+from sim.rendering.cubemap import RenderedImage
 from tracker.geometry import Pose
 from tracker.geometry.cameras import Camera
 

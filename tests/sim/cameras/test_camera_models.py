@@ -10,7 +10,8 @@ from scipy import ndimage
 from sim.cameras import Rig, parse_camera
 from sim.cameras.partial import PartialCamera
 from sim.rendering.coverage import UnoccludedExtent
-from sim.rendering.panorama import PanoramaRenderer, RenderedImage
+from sim.rendering.cubemap import RenderedImage
+from sim.rendering.panorama import PanoramaRenderer
 from tests.sim.rays import cast, silhouettes
 from tests.sim.scenes import Scene, court
 from tracker.geometry import Pose

@@ -19,9 +19,14 @@ CAMERAS: dict[str, Camera] = {
 }
 
 
+def texel_positions(table: FaceTable) -> np.ndarray:
+    """Positions (2, H, W) of the pixels in the atlas, texels to the right and up. Texel centres are at whole numbers."""
+    return np.stack([table.first % table.width, table.first // table.width]) + np.moveaxis(table.fraction, -1, 0) / 65536
+
+
 def texel_bearings(table: FaceTable) -> np.ndarray:
     """Directions (H, W, 3) of the texels that the pixels are sampled from."""
-    x, y = np.moveaxis(table.texel_positions(), -1, 0)
+    x, y = texel_positions(table)
     out = np.full((*x.shape, 3), np.nan)
     for face in table.faces:
         inside = (y >= face.row - 0.5) & (y < face.row + face.height - 0.5)
@@ -47,7 +52,7 @@ def test_texels_lie_where_pixels_look(name: str) -> None:
 @pytest.mark.parametrize("name", CAMERAS)
 def test_no_interpolation_reaches_over_the_edge_of_a_face(name: str) -> None:
     table = FaceTable.make(CAMERAS[name])
-    x, y = np.moveaxis(table.texel_positions(), -1, 0)
+    x, y = texel_positions(table)
     for face in table.faces:
         inside = (y >= face.row - 0.5) & (y < face.row + face.height - 0.5)
         assert inside.any()
@@ -65,17 +70,10 @@ def test_a_narrow_camera_needs_one_face_and_a_panorama_six() -> None:
     assert [face.axes.tolist() for face in faces] == CUBE.tolist()
 
 
-def test_density_is_texels_a_pixel() -> None:
-    for density in (1.0, 2.0):
-        face = FaceTable.make(Panorama(1024, 512), density).faces[0]
-        # Ahead, a pixel spans 2π/1024.
-        assert face.width / (face.high[0] - face.low[0]) * 2 * np.pi / 1024 == pytest.approx(density, rel=0.01)
-
-
-@pytest.mark.parametrize("density", [0.0, 0.2, 17.0, np.nan])
-def test_a_density_out_of_bounds_is_refused(density: float) -> None:
-    with pytest.raises(ValueError, match="density is"):
-        FaceTable.make(Panorama(64, 32), density)
+def test_a_pixel_has_one_texel_where_they_are_fewest() -> None:
+    face = FaceTable.make(Panorama(1024, 512)).faces[0]
+    # Ahead, a pixel spans 2π/1024.
+    assert face.width / (face.high[0] - face.low[0]) * 2 * np.pi / 1024 == pytest.approx(1.0, rel=0.01)
 
 
 def test_planes_hold_what_a_face_shows() -> None:
@@ -89,8 +87,9 @@ def test_planes_hold_what_a_face_shows() -> None:
 
 def geometry(table: FaceTable, codes: np.ndarray, depth: np.ndarray, limits: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
     """Sampled codes and ranges."""
-    sampled = table.sample(Atlas(np.zeros((*codes.shape, 4), np.uint8), codes, depth), limits, [np.arange(codes.max() + 1, dtype=np.uint32)])
-    return sampled.values[0], sampled.range
+    known = np.arange(codes.max() + 1, dtype=np.uint16), np.zeros(codes.max() + 1, dtype=np.uint8)
+    sampled = table.sample(Atlas(np.zeros((*codes.shape, 4), np.uint8), codes, depth), limits, known)
+    return sampled.instances, sampled.range
 
 
 def test_range_is_exact_on_a_plane_and_nearest_between_two_things() -> None:
@@ -129,8 +128,9 @@ def test_past_the_fold_of_a_lens_pixels_are_blind() -> None:
     assert (empty[table.nearest // table.width] == blind).all()
     atlas = Atlas(*(np.zeros((table.height, table.width, *rest), kind) for rest, kind in (((4,), np.uint8), ((), np.uint32), ((), np.float32))))
     atlas.colour[~empty], atlas.codes[~empty], atlas.depth[~empty] = 200, 1, 0.5
-    sampled = table.sample(atlas, (0.02, 100.0), [np.array([0, 7], np.uint16)])
-    assert ((sampled.values[0] == 0) == blind).all()
+    sampled = table.sample(atlas, (0.02, 100.0), (np.array([0, 7], np.uint16), np.array([0, 3], np.uint8)))
+    assert ((sampled.instances == 0) == blind).all()
+    assert ((sampled.classes == 0) == blind).all()
     assert (np.isinf(sampled.range) == blind).all()
     assert (sampled.colour[blind] == 0).all()
     assert (sampled.colour[~blind] == 200).all()

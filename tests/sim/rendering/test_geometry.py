@@ -56,9 +56,9 @@ def test_a_mesh_keeps_its_volume_and_has_its_levels_of_detail() -> None:
 def test_tiles_of_a_height_field_are_its_whole_surface_once() -> None:
     tiles = tiles_of(court().model, 0)
     assert len(tiles) == int(np.ceil(60 / CELLS)) ** 2
-    corners = np.concatenate([tile.points[tile.triangles] for tile in tiles])
+    corners = np.concatenate([tile.vertices[tile.triangles, :3] for tile, _ in tiles])
     # Of a triangle that is lit flat, the last corner's counts.
-    normals = np.concatenate([tile.normals[tile.triangles[:, 2]] for tile in tiles])
+    normals = np.concatenate([tile.vertices[tile.triangles[:, 2], 4:7] for tile, _ in tiles])
     assert len(corners) == 60 * 60 * 2 + 4 * 60 * 2
     facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     np.testing.assert_allclose(normals, facing / np.linalg.norm(facing, axis=1, keepdims=True), atol=1e-5)
@@ -68,8 +68,8 @@ def test_tiles_of_a_height_field_are_its_whole_surface_once() -> None:
     # The sides of the solid look outwards.
     outwards = corners[~above].mean(axis=1)
     assert ((outwards * normals[~above])[:, :2].sum(axis=1) > 0).all()
-    for tile in tiles:
-        assert (np.abs(tile.points - tile.box[:3]) <= tile.box[3:] + 1e-6).all()
+    for tile, extent in tiles:
+        assert (np.abs(tile.vertices[:, :3] - extent[:3]) <= extent[3:] + 1e-6).all()
         # Most corners serve several triangles.
         assert len(np.unique(tile.triangles[:, 2])) == len(tile.triangles)
-        assert len(tile.points) < 1.6 * len(tile.triangles)
+        assert len(tile.vertices) < 1.6 * len(tile.triangles)
