@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from worlds.props.furniture import COLOURS, Piece
-from worlds.props.shapes import CLOTHES, Shape, box, revolved
+from worlds.props.shapes import CLOTHES, Shape, box, joined, revolved
 from worlds.terrain.heightfield import Array
 from worlds.textures.furniture_atlas import Surface, crop
 from worlds.textures.person_pictures import COUNT, HEIGHT, WIDTH, silhouette, texture_of
@@ -33,11 +33,6 @@ def bar(rng: np.random.Generator, surface: Surface, start: ArrayLike, end: Array
     return Shape(np.array(vertices), np.array(faces), np.array(texcoord))
 
 
-def moved(shape: Shape, rotation: Array, offset: ArrayLike) -> Shape:
-    """The shape turned by a rotation (3, 3), then moved by offset (3,) m."""
-    return replace(shape, vertices=shape.vertices @ rotation.T + np.asarray(offset, dtype=np.float64))
-
-
 def tripod(rng: np.random.Generator) -> Piece:
     """Three legs with an instrument, a camera or a lamp on top, as high as a head."""
     h, spread = rng.uniform(1.1, 1.75), rng.uniform(0.28, 0.45)
@@ -54,16 +49,16 @@ def tripod(rng: np.random.Generator) -> Piece:
 
 def clothes_heap(rng: np.random.Generator) -> Piece:
     """Garments thrown on each other, up to the height of a child who crouches."""
-    shape, reach = None, 0.0
+    lumps = []
     for k in range(int(rng.integers(4, 9))):
         r, h = rng.uniform(0.16, 0.34), rng.uniform(0.1, 0.22)
         x, y = rng.uniform(-0.22, 0.22, 2)
         z = 0.0 if k < 2 else rng.uniform(0.03, 0.06 * k)
         cloth = CLOTHES[int(rng.integers(len(CLOTHES)))]
         lump = _crumpled(rng, revolved(rng, cloth, [(0.9 * r, 0), (r, 0.25 * h), (0.8 * r, 0.65 * h), (0.4 * r, 0.93 * h), (0.01, h)]))
-        lump = moved(lump, np.eye(3), (x, y, z))
-        shape, reach = lump if shape is None else shape + lump, max(reach, float(np.abs(lump.vertices[:, :2]).max()))
-    assert shape is not None
+        lumps.append(lump.moved((x, y, z)))
+    shape = joined(lumps)
+    reach = float(np.abs(shape.vertices[:, :2]).max())
     return Piece("heap", shape, (2 * reach, 2 * reach))
 
 
@@ -88,7 +83,7 @@ def pram(rng: np.random.Generator) -> Piece:
     for x in (-0.8 * length, 0.8 * length):
         for y in (-half, half):
             wheel = revolved(rng, Surface.DARK, [(0.01, -0.02), (r, -0.015), (r, 0.015), (0.01, 0.02)])
-            shape += moved(wheel, flat, (x, y, r))
+            shape += wheel.moved((x, y, r), flat)
             shape += bar(rng, Surface.STEEL, (x, y, r), (-0.5 * x, 0.8 * y, low + 0.05), 0.012)
     for y in (-0.8 * half, 0.8 * half):
         shape += bar(rng, Surface.STEEL, (-0.7 * length, y, low + 0.1), (-length - 0.28, y, 1.02), 0.012)
@@ -104,8 +99,7 @@ def poster(rng: np.random.Generator) -> Piece:
     for x in (-w / 2, w / 2 - 0.04):
         shape += box(rng, Surface.STEEL, (x, -0.25, 0), (x + 0.04, 0.25, 0.04)) + box(rng, Surface.STEEL, (x, 0.02, 0), (x + 0.04, 0.06, lift + h))
     corners = np.array([[-0.5, 0.0], [0.5, 0.0], [0.5, 1.0], [-0.5, 1.0]]) * [WIDTH, HEIGHT]
-    picture = _plates([corners], cell, scale, -0.018, -0.016)
-    return Piece("poster", shape, (w + 0.06, 0.5), moved(picture, np.eye(3), (0, 0, lift)))
+    return Piece("poster", shape, (w + 0.06, 0.5), _plate(corners, cell, scale, (-0.018, -0.016)).moved((0, 0, lift)))
 
 
 def cardboard_figure(rng: np.random.Generator) -> Piece:
@@ -113,27 +107,18 @@ def cardboard_figure(rng: np.random.Generator) -> Piece:
     cell, scale = int(rng.integers(COUNT)), rng.uniform(0.9, 1.1)
     shape = box(rng, Surface.DARK, (-0.25, -0.2, 0), (0.25, 0.2, 0.02)) + bar(rng, Surface.DARK, (0, 0.18, 0.02), (0, 0.01, 0.8), 0.015)
     # Parts that overlap lie at different depths, so that the last one is in front.
-    figure = None
-    for k, (_, corners) in enumerate(silhouette(cell)):
-        plate = _plates([corners], cell, scale, -0.006 - 0.0006 * k, 0.006 + 0.0006 * k)
-        figure = plate if figure is None else figure + plate
-    assert figure is not None
+    deep = [0.006 + 0.0006 * k for k in range(len(silhouette(cell)))]
+    figure = joined([_plate(corners, cell, scale, (-y, y)) for (_, corners), y in zip(silhouette(cell), deep, strict=True)])
     width = 2 * float(np.abs(figure.vertices[:, 0]).max())
-    return Piece("figure", shape, (max(width, 0.5), 0.42), moved(figure, np.eye(3), (0, 0, 0.02)))
+    return Piece("figure", shape, (max(width, 0.5), 0.42), figure.moved((0, 0, 0.02)))
 
 
-def _plates(polygons: list[Array], cell: int, scale: float, front: float, back: float) -> Shape:
-    """Convex polygons (k, 2) m of x and z with the picture of a cell on both sides, at y of `front` and `back` m."""
-    shape = None
-    for corners in polygons:
-        k = len(corners)
-        fan = np.array([[0, j, j + 1] for j in range(1, k - 1)])
-        texture = texture_of(cell, corners)
-        for y, faces in ((front, fan), (back, fan[:, ::-1])):
-            side = Shape(np.column_stack([scale * corners[:, 0], np.full(k, y), scale * corners[:, 1]]), faces, texture)
-            shape = side if shape is None else shape + side
-    assert shape is not None
-    return shape
+def _plate(corners: Array, cell: int, scale: float, sides: tuple[float, float]) -> Shape:
+    """A convex polygon (k, 2) m of x and z with the picture of a cell in front and at the back, at y of `sides` m."""
+    k = len(corners)
+    fan = np.array([[0, j, j + 1] for j in range(1, k - 1)])
+    front, back = (np.column_stack([scale * corners[:, 0], np.full(k, y), scale * corners[:, 1]]) for y in sides)
+    return Shape(front, fan, texture_of(cell, corners)) + Shape(back, fan[:, ::-1], texture_of(cell, corners))
 
 
 def cone(rng: np.random.Generator) -> Piece:

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from worlds.engine import mujoco
-from worlds.props.shapes import Shape, quad
+from worlds.props.shapes import WHOLE, Shape, joined, quad
 from worlds.terrain.heightfield import Array, Heightfield
 from worlds.terrain.polygons import turned
 from worlds.textures.masonry import brick, concrete, plaster
@@ -145,13 +145,10 @@ def _body(width: float, height: float) -> Shape:
 def _panes(corners: Array, pane: Box) -> Shape:
     """Panes as flat boxes before the front; corners (n, 2) m of x and z of their bays."""
     x0, z0, x1, z1 = pane
-    shape = None
+    sides = []
     for x, z in corners:
         ring = [(x + x0, z + z0), (x + x1, z + z0), (x + x1, z + z1), (x + x0, z + z1)]
-        whole = np.array([[0.0, 0.0], [1.0, 1.0]])
-        one = quad([(a, -THICKNESS, b) for a, b in ring], whole)
+        sides.append(quad([(a, -THICKNESS, b) for a, b in ring], WHOLE))
         for (ax, az), (bx, bz) in zip(ring, ring[1:] + ring[:1], strict=True):
-            one += quad([(ax, 0, az), (bx, 0, bz), (bx, -THICKNESS, bz), (ax, -THICKNESS, az)], whole)
-        shape = one if shape is None else shape + one
-    assert shape is not None
-    return shape
+            sides.append(quad([(ax, 0, az), (bx, 0, bz), (bx, -THICKNESS, bz), (ax, -THICKNESS, az)], WHOLE))
+    return joined(sides)

@@ -5,7 +5,7 @@ A piece stands around its own origin, its front looks along −y and its back is
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import final
 
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from worlds.engine import mujoco
-from worlds.props.shapes import Shape, box, column
+from worlds.props.shapes import Shape, box, column, joined
 from worlds.terrain.heightfield import Array, Heightfield, Mask
 from worlds.terrain.polygons import covered, rectangle, signed_distance, turned
 from worlds.textures.furniture_atlas import Surface
@@ -88,6 +88,23 @@ class Furnishing:
                 return self.nodes[i, j], yaw
         return None
 
+    def places(self, rng: np.random.Generator, makers: Iterable[tuple[Iterable[Maker], bool]], edges: ArrayLike) -> Iterator[tuple[Piece, Place]]:
+        """New pieces and their places, one after the other, for `put`; what finds no place is left out.
+
+        makers: with whether their pieces stand at a wall. edges: as of at_wall.
+        """
+        for kinds, at_wall in makers:
+            for make in kinds:
+                piece = make(rng)
+                place = self.at_wall(rng, piece, edges) if at_wall else self.standing_free(rng, piece)
+                if place is not None:
+                    yield piece, place
+
+    def put(self, spec: mujoco.MjSpec, name: str, piece: Piece, place: Place) -> None:
+        """Put a piece in its place, as a geom of that name."""
+        piece.stand(spec, self.ground, name, *place)
+        self.take(piece.footprint(*place))
+
     def _under(self, corners: ArrayLike) -> Mask:
         return covered(self.ground, corners, self.ground.spacing / 2)
 
@@ -118,6 +135,9 @@ class Piece:
         offsets = np.array([(a, b) for a in np.linspace(-0.5, 0.5, 7) for b in np.linspace(-0.5, 0.5, 7)])
         under = turned(offsets * np.array(self.size), yaw) + np.array([x, y])
         return self.shape.add_to(spec, name, "furniture", [x, y, float(ground.height_at(under).min()) - SINK], yaw)
+
+
+Maker = Callable[[np.random.Generator], Piece]
 
 
 def table(rng: np.random.Generator) -> Piece:
@@ -206,15 +226,13 @@ def crates(rng: np.random.Generator) -> Piece:
     """Boxes upon boxes."""
     w, d = rng.uniform(0.5, 0.9), rng.uniform(0.45, 0.7)
     kinds = (*COLOURS, Surface.LABELS, Surface.LABELS, Surface.CARDBOARD, Surface.OAK)
-    shape, z, a, b = None, 0.0, w, d
+    boxes, z, a, b = list[Shape](), 0.0, w, d
     for _ in range(int(rng.integers(2, 5))):
         h = rng.uniform(0.22, 0.45)
         x, y = rng.uniform(-(w - a) / 2, (w - a) / 2 + 1e-9), rng.uniform(-(d - b) / 2, (d - b) / 2 + 1e-9)
-        crate = box(rng, kinds[int(rng.integers(len(kinds)))], (x - a / 2, y - b / 2, z), (x + a / 2, y + b / 2, z + h))
-        shape = crate if shape is None else shape + crate
+        boxes.append(box(rng, kinds[int(rng.integers(len(kinds)))], (x - a / 2, y - b / 2, z), (x + a / 2, y + b / 2, z + h)))
         z, a, b = z + h, a * rng.uniform(0.75, 1.0), b * rng.uniform(0.75, 1.0)
-    assert shape is not None
-    return Piece("crates", shape, (w, d))
+    return Piece("crates", joined(boxes), (w, d))
 
 
 def pillar(rng: np.random.Generator, height: float) -> Piece:

@@ -9,8 +9,8 @@ import trimesh
 from numpy.typing import ArrayLike
 
 from worlds.engine import mujoco
-from worlds.props.meshes import PERIOD, wrapped
-from worlds.props.shapes import Shape
+from worlds.props.meshes import PERIOD, hull, wrapped
+from worlds.props.shapes import Shape, joined
 from worlds.terrain.heightfield import Array
 from worlds.terrain.relief import fractal, noise
 from worlds.textures.materials import Canvas, tint
@@ -77,7 +77,7 @@ def broadleaf(rng: np.random.Generator, height: float) -> Plant:
         lowest = max(0.42 * height, 2.3 + size[2])
         middle = np.array([lean[0] + out * np.cos(angle), lean[1] + out * np.sin(angle), rng.uniform(lowest, 0.86 * height)])
         clouds.append(_cloud(rng, middle, size))
-    return Plant(wood, _joined(clouds), 1.35 * radius)
+    return Plant(wood, joined(clouds), 1.35 * radius)
 
 
 def conifer(rng: np.random.Generator, height: float) -> Plant:
@@ -100,13 +100,13 @@ def conifer(rng: np.random.Generator, height: float) -> Plant:
             np.column_stack([np.arange(n), nxt, np.full(n, n)]), np.column_stack([nxt, np.arange(n), np.full(n, n + 1)])
         ])  # fmt: skip
         parts.append(wrapped(np.concatenate([rim, [tip, under]]), faces, rng.uniform(0, PERIOD, 2)))
-    return Plant(wood, _joined(parts), 1.35 * radius, NEEDLES)
+    return Plant(wood, joined(parts), 1.35 * radius, NEEDLES)
 
 
 def bush(rng: np.random.Generator, size: float) -> Plant:
     """A bush `size` m high and about as wide, not to be walked through."""
     clouds = [_cloud(rng, np.array([*rng.uniform(-0.25, 0.25, 2) * size, 0.42 * size]), np.array([0.42, 0.42, 0.46]) * size) for _ in range(3)]
-    return Plant(_stem(rng, 0.05 * size, 0.4 * size, np.zeros(2)), _joined(clouds), 0.55 * size)
+    return Plant(_stem(rng, 0.05 * size, 0.4 * size, np.zeros(2)), joined(clouds), 0.55 * size)
 
 
 def stump(rng: np.random.Generator) -> Plant:
@@ -120,9 +120,8 @@ def log(rng: np.random.Generator, length: float, radius: float) -> Shape:
     angle = np.linspace(0, 2 * np.pi, SIDES, endpoint=False)
     rings = [(-length / 2, radius), (length / 2, 0.8 * radius)]
     points = np.concatenate([np.column_stack([r * np.cos(angle), r * np.sin(angle), np.full(SIDES, z)]) for z, r in rings])
-    solid = trimesh.convex.convex_hull(points)
     # It gets its bark upright, where the grain runs along the stem, and falls then.
-    upright = wrapped(solid.vertices, np.asarray(solid.faces, dtype=np.int64), rng.uniform(0, PERIOD, 2))
+    upright = hull(points, rng.uniform(0, PERIOD, 2))
     x, y, z = upright.vertices.T
     return Shape(np.column_stack([z, y, -x]), upright.faces, upright.texcoord)
 
@@ -135,8 +134,7 @@ def _stem(rng: np.random.Generator, radius: float, height: float, lean: Array) -
         r = radius * wide * rng.uniform(0.94, 1.06, SIDES)
         share = max(level, 0.0) / height
         rings.append(np.column_stack([share * lean[0] + r * np.cos(angle), share * lean[1] + r * np.sin(angle), np.full(SIDES, level)]))
-    solid = trimesh.convex.convex_hull(np.concatenate(rings))
-    return wrapped(solid.vertices, np.asarray(solid.faces, dtype=np.int64), rng.uniform(0, PERIOD, 2))
+    return hull(np.concatenate(rings), rng.uniform(0, PERIOD, 2))
 
 
 def _cloud(rng: np.random.Generator, middle: Array, half: Array) -> Shape:
@@ -144,10 +142,3 @@ def _cloud(rng: np.random.Generator, middle: Array, half: Array) -> Shape:
     ball = trimesh.creation.icosphere(subdivisions=1)
     vertices = np.asarray(ball.vertices) * rng.uniform(0.78, 1.12, (len(ball.vertices), 1)) * half
     return wrapped(vertices + middle, np.asarray(ball.faces, dtype=np.int64), rng.uniform(0, PERIOD, 2))
-
-
-def _joined(shapes: list[Shape]) -> Shape:
-    whole = shapes[0]
-    for shape in shapes[1:]:
-        whole += shape
-    return whole

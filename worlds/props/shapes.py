@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +13,8 @@ from worlds.terrain.heightfield import Array
 from worlds.textures.furniture_atlas import Surface, crop
 
 SIDES = 20
+WHOLE = np.array([[0.0, 0.0], [1.0, 1.0]])
+"""Texture coordinates of a whole picture."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,15 +26,17 @@ class Shape:
     texcoord: Array
 
     def __add__(self, other: Shape) -> Shape:
-        return Shape(
-            np.concatenate([self.vertices, other.vertices]),
-            np.concatenate([self.faces, other.faces + len(self.vertices)]),
-            np.concatenate([self.texcoord, other.texcoord]),
-        )
+        return joined([self, other])
 
-    def moved(self, offset: ArrayLike) -> Shape:
-        """The shape moved by offset (3,) m."""
-        return replace(self, vertices=self.vertices + np.asarray(offset, dtype=np.float64))
+    def moved(self, offset: ArrayLike, rotation: ArrayLike | None = None) -> Shape:
+        """The shape turned by a rotation (3, 3), then moved by offset (3,) m."""
+        vertices = self.vertices if rotation is None else self.vertices @ np.asarray(rotation, dtype=np.float64).T
+        return replace(self, vertices=vertices + np.asarray(offset, dtype=np.float64))
+
+    def turned(self, yaw: float, offset: ArrayLike) -> Shape:
+        """The shape turned by yaw rad about the vertical, then moved by offset (3,) m."""
+        c, s = np.cos(yaw), np.sin(yaw)
+        return self.moved(offset, [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
     def add_to(self, spec: mujoco.MjSpec, name: str, material: str, pos: ArrayLike = (0, 0, 0), yaw: float = 0.0) -> mujoco.MjsGeom:
         """The shape as a mesh and a geom of that name in the world body, turned by yaw radians and put at pos (3,) m.
@@ -47,6 +52,13 @@ class Shape:
         )
 
 
+def joined(shapes: Sequence[Shape]) -> Shape:
+    """All of them as one mesh."""
+    first = np.cumsum([0, *(len(shape.vertices) for shape in shapes)])
+    faces = np.concatenate([shape.faces + k for shape, k in zip(shapes, first[:-1], strict=True)])
+    return Shape(np.concatenate([shape.vertices for shape in shapes]), faces, np.concatenate([shape.texcoord for shape in shapes]))
+
+
 def quad(corners: ArrayLike, texture: Array) -> Shape:
     """A plane of four corners (4, 3) m, anticlockwise from the lower left as it is looked at; texture [[u0, v0], [u1, v1]]."""
     (u0, v0), (u1, v1) = texture
@@ -57,19 +69,18 @@ def quad(corners: ArrayLike, texture: Array) -> Shape:
 def box(rng: np.random.Generator, surface: Surface, low: ArrayLike, high: ArrayLike, front: Surface | None = None) -> Shape:
     """An upright box from low (3,) to high (3,) m, each face another piece of the surface; `front` is the one that looks along −y."""
     (x0, y0, z0), (x1, y1, z1) = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
-    ring = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
-    shape = None
-    for k in range(4):
-        (ax, ay), (bx, by) = ring[k], ring[(k + 1) % 4]
-        face = front if front is not None and k == 0 else surface
-        texture = crop(rng, face, (abs(bx - ax) + abs(by - ay), z1 - z0))
-        side = quad([(ax, ay, z0), (bx, by, z0), (bx, by, z1), (ax, ay, z1)], texture)
-        shape = side if shape is None else shape + side
-    assert shape is not None
-    lids = [(x, y, z1) for x, y in ring], [(x, y, z0) for x, y in reversed(ring)]
-    for lid in lids:
-        shape += quad(lid, crop(rng, surface, (x1 - x0, y1 - y0)))
-    return shape
+    kinds = (surface if front is None else front, *[surface] * 5)
+    sizes = [(x1 - x0, z1 - z0), (y1 - y0, z1 - z0)] * 2 + [(x1 - x0, y1 - y0)] * 2
+    textures = [crop(rng, kind, size) for kind, size in zip(kinds, sizes, strict=True)]
+    return _upright(np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)]), (z0, z1), textures)
+
+
+def _upright(ring: Array, heights: tuple[float, float], textures: Sequence[Array]) -> Shape:
+    """Upright sides over four corners (4, 2) m, anticlockwise, between two heights m, and the upper and the lower lid, each with its texture."""
+    low, high = heights
+    sides = [[(*a, low), (*b, low), (*b, high), (*a, high)] for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True)]
+    lids = [(*corner, high) for corner in ring], [(*corner, low) for corner in ring[::-1]]
+    return joined([quad(corners, texture) for corners, texture in zip([*sides, *lids], textures, strict=True)])
 
 
 def column(rng: np.random.Generator, surface: Surface, radius: float, height: float) -> Shape:
@@ -94,16 +105,7 @@ def prism(corners: ArrayLike, low: float, high: float) -> Shape:
 
     The first edge goes from left to right as one who stands outside before it sees it.
     """
-    ring = np.asarray(corners, dtype=np.float64)
-    rim = np.array([[0.0, 0.0], [0.02, 0.01]])
-    shape = None
-    for k in range(4):
-        (ax, ay), (bx, by) = ring[k], ring[(k + 1) % 4]
-        whole = np.array([[0.0, 0.0], [1.0, 1.0]])
-        side = quad([(ax, ay, low), (bx, by, low), (bx, by, high), (ax, ay, high)], whole if k == 0 else rim)
-        shape = side if shape is None else shape + side
-    assert shape is not None
-    return shape + quad([(x, y, high) for x, y in ring], rim) + quad([(x, y, low) for x, y in ring[::-1]], rim)
+    return _upright(np.asarray(corners, dtype=np.float64), (low, high), [WHOLE, *[np.array([[0.0, 0.0], [0.02, 0.01]])] * 5])
 
 
 CLOTHES = (Surface.BLUE, Surface.RED, Surface.GREEN, Surface.DARK, Surface.STEEL, Surface.WALNUT, Surface.WHITE)

@@ -9,19 +9,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from worlds.props.distractors import bar, moved
-from worlds.props.shapes import CLOTHES, Shape, box, revolved
-from worlds.terrain.heightfield import Array
+from worlds.props.distractors import bar
+from worlds.props.shapes import CLOTHES, Shape, box, joined, revolved
 from worlds.textures.furniture_atlas import Surface
 
 PLASTIC = (Surface.DARK, Surface.DARK, Surface.STEEL, Surface.WHITE)
 CLOTH = (Surface.DARK, Surface.DARK, Surface.BLUE, Surface.RED, Surface.GREEN, Surface.STEEL, Surface.WHITE, Surface.OAK)
-
-
-def turned_shape(shape: Shape, yaw: float, offset: Array) -> Shape:
-    """The shape turned by yaw rad about the vertical, then moved by offset (3,) m."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    return moved(shape, np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), offset)
 
 
 def laptop(rng: np.random.Generator) -> Shape:
@@ -30,7 +23,7 @@ def laptop(rng: np.random.Generator) -> Shape:
     lid = box(rng, body, (-w / 2, -0.006, 0), (w / 2, 0.006, d), front=Surface.SCREEN)
     lean = rng.uniform(0.1, 0.5)
     tilt = np.array([[1.0, 0, 0], [0, np.cos(lean), np.sin(lean)], [0, -np.sin(lean), np.cos(lean)]])
-    return box(rng, body, (-w / 2, -d / 2, 0), (w / 2, d / 2, 0.018)) + moved(lid, tilt, (0, d / 2, 0.015))
+    return box(rng, body, (-w / 2, -d / 2, 0), (w / 2, d / 2, 0.018)) + lid.moved((0, d / 2, 0.015), tilt)
 
 
 def monitor(rng: np.random.Generator) -> Shape:
@@ -77,13 +70,12 @@ BEFORE_PEOPLE: tuple[tuple[Callable[[np.random.Generator], Shape], float], ...] 
 
 def laid(rng: np.random.Generator, screens: bool) -> Shape | None:
     """What stands on a table before a seat at y = 0, or None. screens: with a monitor."""
-    shape = monitor(rng).moved((0, 0.45, 0)) if screens else None
+    things = [monitor(rng).moved((0, 0.45, 0))] if screens else []
     for make, share in BEFORE_PEOPLE:
         if rng.random() < share and not (screens and make is monitor):
             aside = rng.uniform(-0.08, 0.08) if make is laptop else rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 0.3)
-            thing = turned_shape(make(rng), rng.normal(0.0, 0.25), np.array([aside, rng.uniform(0.18, 0.32), 0.0]))
-            shape = thing if shape is None else shape + thing
-    return shape
+            things.append(make(rng).turned(rng.normal(0.0, 0.25), (aside, rng.uniform(0.18, 0.32), 0.0)))
+    return joined(things) if things else None
 
 
 def office_chair(rng: np.random.Generator, seat: float) -> Shape:

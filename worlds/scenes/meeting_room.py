@@ -13,8 +13,8 @@ import numpy as np
 from worlds.engine import mujoco
 from worlds.props import distractors, furniture
 from worlds.props.rooms import add_walls
-from worlds.props.shapes import Shape, box, column, quad
-from worlds.props.table_things import coat_over_back, laid, loudspeaker, office_chair, turned_shape
+from worlds.props.shapes import Shape, box, column, joined, quad
+from worlds.props.table_things import coat_over_back, laid, loudspeaker, office_chair
 from worlds.terrain.free_space import spawn_areas, walkers_spaces
 from worlds.terrain.heightfield import Array, Heightfield, Mask
 from worlds.terrain.polygons import covered, rectangle, signed_distance, turned
@@ -84,12 +84,12 @@ class _Room:
     height: float
     ground: Heightfield
     taken: Mask
-    shape: Shape | None = None
+    shapes: list[Shape] = field(default_factory=list)
     seats: list[Array] = field(default_factory=list)
 
     def add(self, shape: Shape, corners: Array | None = None) -> None:
         """Furniture, and the polygon (k, 2) m that it blocks."""
-        self.shape = shape if self.shape is None else self.shape + shape
+        self.shapes.append(shape)
         if corners is not None:
             self.taken |= covered(self.ground, corners, SPACING / 2)
 
@@ -116,8 +116,7 @@ def build(rng: np.random.Generator) -> World:
     for table in tables:
         _furnish(room, table)
     _along_walls(room)
-    assert room.shape is not None
-    geom = room.shape.add_to(spec, "furniture", "furniture")
+    geom = joined(room.shapes).add_to(spec, "furniture", "furniture")
     # Its hull is the room.
     geom.contype = geom.conaffinity = 0
     feet, wheels = walkers_spaces(NAME, ground, room.taken, LEAST_FREE)
@@ -186,7 +185,7 @@ def _furnish(room: _Room, table: _Table) -> None:
         room.add(_slab(rng, table), rectangle(table.place, table.size, table.yaw))
         for _ in range(int(rng.integers(0, 3))):
             offset = turned(rng.uniform(-0.3, 0.3, 2) * table.size, table.yaw) + table.place
-            room.add(turned_shape(loudspeaker(rng), 0.0, np.array([*offset, table.height])))
+            room.add(loudspeaker(rng).turned(0.0, (*offset, table.height)))
     own = rng.random() < 0.5
     for x, y, look in table.seats():
         place = np.array([x, y]) + rng.normal(0.0, 0.05, 2)
@@ -196,13 +195,13 @@ def _furnish(room: _Room, table: _Table) -> None:
         chair = office_chair(rng, table.seat) if own or table.seat > 0.5 else furniture.chair(rng).shape
         if rng.random() < COAT_SHARE:
             chair += coat_over_back(rng, table.seat)
-        room.add(turned_shape(chair, yaw - np.pi / 2, np.array([*place, 0.0])), rectangle(place, (0.45, 0.45), yaw))
+        room.add(chair.turned(yaw - np.pi / 2, (*place, 0.0)), rectangle(place, (0.45, 0.45), yaw))
         if rng.random() > EMPTY_SHARE:
             room.seats.append(np.array([*place, table.seat, yaw]))
         things = laid(rng, table.screens) if table.height else None
         if things is not None:
             edge = np.array([x, y]) + table.reach * np.array([np.cos(look), np.sin(look)])
-            room.add(turned_shape(things, look - np.pi / 2, np.array([*edge, table.height])))
+            room.add(things.turned(look - np.pi / 2, (*edge, table.height)))
 
 
 def _slab(rng: np.random.Generator, table: _Table) -> Shape:
@@ -222,7 +221,7 @@ def _slab(rng: np.random.Generator, table: _Table) -> Shape:
             for x in (-length / 2 + 0.05, length / 2 - 0.1):
                 for y in (-width / 2 + 0.05, width / 2 - 0.1):
                     shape += box(rng, Surface.DARK, (x, y, 0), (x + 0.05, y + 0.05, h - 0.04))
-    return turned_shape(shape, table.yaw, np.array([*table.place, 0.0]))
+    return shape.turned(table.yaw, (*table.place, 0.0))
 
 
 def _along_walls(room: _Room) -> None:
@@ -236,7 +235,7 @@ def _along_walls(room: _Room) -> None:
         place = turned(np.array([rng.uniform(-0.5, 0.5) * (along - width - 0.2), half - depth / 2 - 0.05]), side * np.pi / 2)
         corners = piece.footprint(place, side * np.pi / 2)
         if not (room.taken & covered(room.ground, corners, 0.1) & (signed_distance(room.ground.nodes, rectangle((0, 0), room.sides)) < -0.1)).any():
-            room.add(turned_shape(piece.shape, side * np.pi / 2, np.array([*place, 0.0])), corners)
+            room.add(piece.shape.turned(side * np.pi / 2, (*place, 0.0)), corners)
 
 
 def _light_surfaces(spec: mujoco.MjSpec, room: _Room) -> None:
@@ -259,7 +258,7 @@ def _light_surfaces(spec: mujoco.MjSpec, room: _Room) -> None:
             size = np.array([0.02, wide / 2, tall / 2]) if turn else np.array([wide / 2, 0.02, tall / 2])
             _panel(spec, f"window{number}", (np.array([*middle, sill + tall / 2]), size), colour, 1.0)
             post = box(rng, Surface.STEEL, (-0.03, -0.03, sill), (0.03, 0.0, sill + tall))
-            room.add(turned_shape(post, side * np.pi / 2, np.array([*middle, 0.0])))
+            room.add(post.turned(side * np.pi / 2, (*middle, 0.0)))
             number += 1
 
 
@@ -279,19 +278,17 @@ def _screens(spec: mujoco.MjSpec, room: _Room) -> None:
     for number in range(int(rng.integers(0, 4))):
         side, scale, base = int(rng.integers(4)), rng.uniform(0.4, 1.3), rng.uniform(0.8, 1.4)
         along, half = (room.sides[0], room.sides[1] / 2) if side % 2 == 0 else (room.sides[1], room.sides[0] / 2)
-        shape, count = None, int(rng.integers(1, 4))
+        tiles, count = list[Shape](), int(rng.integers(1, 4))
         for k in range(count):
             part = np.array([[-0.45, 0.8], [0.45, 0.8], [0.45, 1.8], [-0.45, 1.8]])
             picture = texture_of(int(rng.integers(COUNT)), part)[[3, 1]]
             x = scale * 0.9 * (k - count / 2)
             end = x + 0.9 * scale
-            tile = quad([(x, 0, 0), (end, 0, 0), (end, 0, scale), (x, 0, scale)], picture)
+            tiles.append(quad([(x, 0, 0), (end, 0, 0), (end, 0, scale), (x, 0, scale)], picture))
             # A mesh needs a volume.
-            tile += quad([(x, 0.01, 0), (x, 0.01, scale), (end, 0.01, scale), (end, 0.01, 0)], picture)
-            shape = tile if shape is None else shape + tile
-        assert shape is not None
+            tiles.append(quad([(x, 0.01, 0), (x, 0.01, scale), (end, 0.01, scale), (end, 0.01, 0)], picture))
         place = turned(np.array([rng.uniform(-0.3, 0.3) * along, half - 0.07]), side * np.pi / 2)
         wide = 0.45 * scale * count + 0.04
         case = box(rng, Surface.DARK, (-wide, 0.005, base - 0.04), (wide, 0.06, base + scale + 0.04))
-        room.add(turned_shape(case, side * np.pi / 2, np.array([*place, 0.0])))
-        turned_shape(shape, side * np.pi / 2, np.array([*place, base])).add_to(spec, f"screen{number}", "screens").contype = 0
+        room.add(case.turned(side * np.pi / 2, (*place, 0.0)))
+        joined(tiles).turned(side * np.pi / 2, (*place, base)).add_to(spec, f"screen{number}", "screens").contype = 0
