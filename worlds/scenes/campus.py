@@ -14,11 +14,11 @@ from worlds.scenes import campus_objects as plan
 from worlds.scenes.campus_objects import CampusSite, Colour, buildings, furniture, posts, ramp, surroundings, trees
 from worlds.terrain.free_space import spawn_areas, walkers_spaces
 from worlds.terrain.heightfield import Array, Heightfield, Mask
-from worlds.terrain.polygons import signed_distance, turned
+from worlds.terrain.polygons import signed_distance
 from worlds.terrain.relief import fractal, swell
 from worlds.terrain.walk_surface import Decks, Terrain
 from worlds.textures.masonry import brick, rock
-from worlds.textures.materials import Canvas, add_light, add_material, add_sky, set_view
+from worlds.textures.materials import Canvas, add_material, add_open_air
 from worlds.world import World
 
 NAME = "campus"
@@ -40,10 +40,7 @@ def build(rng: np.random.Generator, difficulty: float = 0.5) -> World:
     spec.modelname = NAME
     _materials(rng, spec)
     add_material(spec, "ground", _lawns_and_roads(rng, ground), 0.05)
-    ground.add_to(spec, "ground", "ground").castshadow = False
-    add_sky(spec, (0.55, 0.69, 0.86), (0.86, 0.89, 0.92))
-    add_light(spec, [*turned([0.7, 0.0], rng.uniform(-np.pi, np.pi)), -1.0], 1.0)
-    set_view(spec, ground.extent)
+    add_open_air(spec, rng, ground, ((0.55, 0.69, 0.86), (0.86, 0.89, 0.92)), 0.7)
     # Grass without end or feature, so that the lawns do not end in the sky.
     far = site.box("ground1", (-140, -140, -1.2), (140, 140, -0.3), (0.33, 0.42, 0.20))
     far.contype = far.conaffinity = 0

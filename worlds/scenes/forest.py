@@ -6,7 +6,7 @@ import numpy as np
 
 from worlds.props.meshes import boulder, stone_sizes, tilted
 from worlds.props.plants import BARK, Plant, broadleaf, bush, canvases, conifer, log, stump
-from worlds.scenes.outdoor_site import FAIR, OutdoorSite, embankment
+from worlds.scenes.outdoor_site import OutdoorSite, embankment
 from worlds.terrain.heightfield import Array, Heightfield
 from worlds.terrain.polygons import covered, rectangle
 from worlds.terrain.relief import swell
@@ -30,15 +30,12 @@ def build(rng: np.random.Generator, difficulty: float = 0.5) -> World:
     ground = flat.with_heights(_heights(rng, flat.nodes, stems, difficulty))
     site = OutdoorSite(NAME, ground, HALF)
     leaves = canvases(rng, rng.uniform(0, 0.6))
-    site.paint({"ground": soil(rng, ground, FLOOR), "stone": rock(rng, (118, 122, 104)), **leaves}, FAIR, rng)
-    for place in np.concatenate([stems, site.rim(rng, 60, 1.7)]):
-        site.plant("tree", _tree(rng), place, rng.uniform(-np.pi, np.pi))
+    site.paint({"ground": soil(rng, ground, FLOOR), "stone": rock(rng, (118, 122, 104)), **leaves}, rng)
+    site.plant(rng, "tree", _tree, np.concatenate([stems, site.rim(rng, 60, 1.7)]))
     for place in site.spots(rng, 3 + round(6 * difficulty), 1.3):
         _fallen(rng, site, place)
-    for place in site.spots(rng, 4 + round(6 * difficulty), 1.2):
-        site.plant("stump", stump(rng), place, rng.uniform(-np.pi, np.pi))
-    for place in site.spots(rng, 4 + round(10 * difficulty), 1.4):
-        site.plant("bush", bush(rng, rng.uniform(0.5, 1.3)), place, rng.uniform(-np.pi, np.pi))
+    site.plant(rng, "stump", stump, site.spots(rng, 4 + round(6 * difficulty), 1.2))
+    site.plant(rng, "bush", lambda r: bush(r, r.uniform(0.5, 1.3)), site.spots(rng, 4 + round(10 * difficulty), 1.4))
     sizes = stone_sizes(rng, 5 + round(10 * difficulty), 0.16, 0.55)
     for place, size in zip(site.spots(rng, len(sizes), 1.1), sizes, strict=False):
         site.stone(boulder(rng, size), place, 0.5)

@@ -7,7 +7,6 @@ A text gives the extent, as in `--world hall:room=7.7x3.4`: room or square, then
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,19 +14,17 @@ from scipy import ndimage
 
 from worlds.engine import mujoco
 from worlds.props import furniture
-from worlds.props.furniture import Furnishing, Piece
+from worlds.props.furniture import Furnishing, Maker
 from worlds.props.rooms import add_walls
 from worlds.terrain.free_space import FreeSpace, spawn_areas, walkers_spaces
 from worlds.terrain.heightfield import Array, Heightfield, Mask
-from worlds.terrain.polygons import rectangle, turned
+from worlds.terrain.polygons import rectangle
 from worlds.terrain.relief import swell
 from worlds.textures.floors import floor
 from worlds.textures.furniture_atlas import atlas
-from worlds.textures.materials import Canvas, add_light, add_material, add_sky, set_view
+from worlds.textures.materials import Canvas, add_material, add_open_air
 from worlds.textures.soils import Soil, soil
 from worlds.world import World
-
-Maker = Callable[[np.random.Generator], Piece]
 
 NAME = "hall"
 SPACING, SQUARE_SPACING = 0.125, 0.25
@@ -138,10 +135,7 @@ def build(rng: np.random.Generator, difficulty: float = 0.5, plan: HallPlan | No
     spec.modelname = NAME
     add_material(spec, "furniture", atlas(rng))
     add_material(spec, "ground", _floor(rng, plan, ground), 0.1)
-    ground.add_to(spec, "ground", "ground").castshadow = False
-    add_sky(spec, (0.58, 0.70, 0.85), (0.86, 0.89, 0.92))
-    add_light(spec, [*turned([0.5, 0.0], rng.uniform(-np.pi, np.pi)), -1.0], 1.0)
-    set_view(spec, ground.extent)
+    add_open_air(spec, rng, ground, ((0.58, 0.70, 0.85), (0.86, 0.89, 0.92)), 0.5)
     furnishing = Furnishing(ground, plan.outline)
     _enclose(spec, rng, plan)
     _given_pillars(spec, plan, furnishing)
@@ -205,15 +199,8 @@ def _furnish(spec: mujoco.MjSpec, rng: np.random.Generator, plan: HallPlan, furn
     indoors: list[Maker] = [furniture.table, furniture.crates, furniture.barrel]
     outdoors: list[Maker] = [furniture.low_wall, furniture.bench, furniture.crates]
     about = (indoors if plan.walled else outdoors) * round(2 * amount)
-    number = 0
-    for makers, at_wall in ((pillars, False), (along, True), (about, False)):
-        for make in makers:
-            piece = make(rng)
-            place = furnishing.at_wall(rng, piece, edges) if at_wall else furnishing.standing_free(rng, piece)
-            if place is not None:
-                piece.stand(spec, furnishing.ground, f"{piece.kind}{number}", *place)
-                furnishing.take(piece.footprint(*place))
-                number += 1
+    for number, (piece, place) in enumerate(furnishing.places(rng, ((pillars, False), (along, True), (about, False)), edges)):
+        furnishing.put(spec, f"{piece.kind}{number}", piece, place)
 
 
 def _near(ground: Heightfield, places: Array, radius: float) -> Mask:

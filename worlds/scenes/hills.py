@@ -6,7 +6,7 @@ import numpy as np
 
 from worlds.props.meshes import boulder, stone_sizes
 from worlds.props.plants import broadleaf, bush, canvases
-from worlds.scenes.outdoor_site import FAIR, OutdoorSite, embankment
+from worlds.scenes.outdoor_site import OutdoorSite, embankment
 from worlds.terrain.heightfield import Array, Heightfield
 from worlds.terrain.relief import swell
 from worlds.textures.masonry import rock
@@ -28,14 +28,11 @@ def build(rng: np.random.Generator, difficulty: float = 0.5) -> World:
     site = OutdoorSite(NAME, ground, HALF)
     picture = soil(rng, ground, MEADOW)
     trail(picture, track, (142, 120, 90), 0.9)
-    site.paint({"ground": picture, "stone": rock(rng, (150, 146, 136)), **canvases(rng, rng.uniform(0, 0.35))}, FAIR, rng)
-    for place in site.rim(rng, 34, 2.2):
-        site.plant("tree", broadleaf(rng, rng.uniform(4.5, 7.5)), place, rng.uniform(-np.pi, np.pi))
+    site.paint({"ground": picture, "stone": rock(rng, (150, 146, 136)), **canvases(rng, rng.uniform(0, 0.35))}, rng)
+    site.plant(rng, "tree", lambda r: broadleaf(r, r.uniform(4.5, 7.5)), site.rim(rng, 34, 2.2))
     beside = track > 1.6
-    for place in site.spots(rng, 6 + round(5 * difficulty), 2.6, beside):
-        site.plant("tree", broadleaf(rng, rng.uniform(4.0, 6.5)), place, rng.uniform(-np.pi, np.pi))
-    for place in site.spots(rng, 8 + round(14 * difficulty), 1.6, beside):
-        site.plant("bush", bush(rng, rng.uniform(0.7, 1.7)), place, rng.uniform(-np.pi, np.pi))
+    site.plant(rng, "tree", lambda r: broadleaf(r, r.uniform(4.0, 6.5)), site.spots(rng, 6 + round(5 * difficulty), 2.6, beside))
+    site.plant(rng, "bush", lambda r: bush(r, r.uniform(0.7, 1.7)), site.spots(rng, 8 + round(14 * difficulty), 1.6, beside))
     sizes = stone_sizes(rng, 10 + round(22 * difficulty), 0.22, 0.9)
     for place, size in zip(site.spots(rng, len(sizes), 1.2, beside), sizes, strict=False):
         site.stone(boulder(rng, size), place, 0.45)

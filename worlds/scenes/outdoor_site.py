@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import final
 
 import numpy as np
@@ -14,27 +14,13 @@ from worlds.props.plants import Plant
 from worlds.props.shapes import Shape
 from worlds.terrain.free_space import spawn_areas, walkers_spaces
 from worlds.terrain.heightfield import Array, Heightfield, Mask
-from worlds.terrain.polygons import turned
 from worlds.terrain.relief import swell
-from worlds.textures.materials import FAIR_SKY, Canvas, add_light, add_material, add_sky, set_view
+from worlds.textures.materials import FAIR_SKY, Canvas, add_material, add_open_air
 from worlds.world import World
 
 RIM = 3.0
 """m: the embankment is that wide; nobody gets up on it."""
 ENTRANCES = 4
-
-
-@dataclass(frozen=True)
-class Weather:
-    """Colours in [0, 1] of the sky at the zenith and at the horizon; low: m along the ground for every metre that the sun's rays go down."""
-
-    zenith: tuple[float, float, float]
-    horizon: tuple[float, float, float]
-    low: float
-    brightness: float = 1.0
-
-
-FAIR = Weather(*FAIR_SKY, 0.75)
 
 
 def embankment(rng: np.random.Generator, nodes: Array, half: float, height: float) -> Array:
@@ -57,16 +43,12 @@ class OutdoorSite:
         self.nodes = ground.nodes
         self.blocked: Mask = np.abs(self.nodes).max(axis=2) > half - 0.6 * RIM
         self._count: dict[str, int] = {}
-        set_view(self.spec, ground.extent)
 
-    def paint(self, pictures: dict[str, Canvas], sky: Weather, rng: np.random.Generator) -> None:
-        """The ground's own picture and other materials by name, the sky, and the sun from anywhere."""
+    def paint(self, pictures: dict[str, Canvas], rng: np.random.Generator) -> None:
+        """The ground's own picture and other materials by name, a fair sky, and the sun from anywhere."""
         for material, canvas in pictures.items():
             add_material(self.spec, material, canvas, 0.04)
-        # Hills throw hardly a shadow that would be worth drawing them once more for.
-        self.ground.add_to(self.spec, "ground", "ground").castshadow = False
-        add_sky(self.spec, sky.zenith, sky.horizon)
-        add_light(self.spec, [*turned([sky.low, 0.0], rng.uniform(-np.pi, np.pi)), -1.0], sky.brightness)
+        add_open_air(self.spec, rng, self.ground, FAIR_SKY, 0.75)
 
     def name_of(self, kind: str) -> str:
         """The next name of a kind: rock0, rock1 …"""
@@ -91,10 +73,12 @@ class OutdoorSite:
         """Something round stands at place (2,) m."""
         self.blocked |= np.hypot(*np.moveaxis(self.nodes - np.asarray(place), -1, 0)) <= radius + 0.5 * self.ground.spacing
 
-    def plant(self, kind: str, plant: Plant, place: Array, yaw: float) -> None:
-        """Put a plant in the ground and block where it stands."""
-        plant.stand(self.spec, self.name_of(kind), [*place, self.ground.lowest_around(place, plant.radius)], yaw)
-        self.block(place, plant.radius)
+    def plant(self, rng: np.random.Generator, kind: str, make: Callable[[np.random.Generator], Plant], places: Array) -> None:
+        """Put plants in the ground at places (k, 2) m, turned anyhow, and block where they stand."""
+        for place in places:
+            plant, yaw = make(rng), rng.uniform(-np.pi, np.pi)
+            plant.stand(self.spec, self.name_of(kind), [*place, self.ground.lowest_around(place, plant.radius)], yaw)
+            self.block(place, plant.radius)
 
     def stone(self, shape: Shape, place: Array, sunk: float) -> None:
         """Put a stone down, `sunk` of its lower half in the ground, and block where it lies."""

@@ -5,7 +5,6 @@ After the test site of the paper: some 14 x 11 m, four small robots and about te
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from worlds.engine import mujoco
 from worlds.props import furniture
-from worlds.props.furniture import Furnishing, Piece, Place
+from worlds.props.furniture import Furnishing, Maker
 from worlds.props.rooms import add_beam, add_frame, add_partition, add_walls
 from worlds.terrain.free_space import walkers_spaces
 from worlds.terrain.heightfield import Array, Heightfield
@@ -21,7 +20,7 @@ from worlds.terrain.polygons import rectangle, turned
 from worlds.terrain.relief import plateau, ramp, rubble, swell
 from worlds.textures.floors import floor, hazards, lane, matting, planks
 from worlds.textures.furniture_atlas import atlas
-from worlds.textures.materials import Canvas, add_light, add_material, add_sky, set_view, tint
+from worlds.textures.materials import Canvas, add_material, add_open_air, tint
 from worlds.world import World
 
 WALL_HEIGHT, WALL_THICKNESS = 2.8, 0.2
@@ -137,8 +136,6 @@ def _ledge(rng: np.random.Generator, west: float, south: float) -> Array:
     )
 
 
-Maker = Callable[[np.random.Generator], Piece]
-
 NAME = "pilsun"
 SPACING = 0.125
 # At least this share of the floor must be free for feet, and a room's worth of it for wheels.
@@ -153,11 +150,7 @@ def build(rng: np.random.Generator, difficulty: float = 0.5) -> World:
     spec.modelname = NAME
     add_material(spec, "furniture", atlas(rng))
     add_material(spec, "ground", _floor(rng, plan, ground), 0.15)
-    # The floor throws no shadow worth drawing it twice for.
-    ground.add_to(spec, "ground", "ground").castshadow = False
-    add_sky(spec, (0.60, 0.71, 0.84), (0.86, 0.89, 0.92))
-    add_light(spec, [*turned([0.55, 0.0], rng.uniform(-np.pi, np.pi)), -1.0], 1.0)
-    set_view(spec, ground.extent)
+    add_open_air(spec, rng, ground, ((0.60, 0.71, 0.84), (0.86, 0.89, 0.92)), 0.55)
     furnishing = _rooms(spec, rng, plan, ground)
     _furnish(spec, rng, plan, furnishing, difficulty)
     floor_area = float((~furnishing.walls).sum()) * SPACING**2
@@ -214,33 +207,16 @@ def _rooms(spec: mujoco.MjSpec, rng: np.random.Generator, plan: PilsunPlan, grou
 
 
 def _furnish(spec: mujoco.MjSpec, rng: np.random.Generator, plan: PilsunPlan, furnishing: Furnishing, difficulty: float) -> None:
-    """Pillars first, then what stands along walls, then what stands about; what finds no place stays away."""
+    """Pillars first, then what stands along walls, then what stands about; what finds no place stays away. Chairs stand before tables."""
     edges = np.stack([plan.outline, np.roll(plan.outline, -1, axis=0)], axis=1)
     long = edges[np.hypot(*(edges[:, 1] - edges[:, 0]).T) > 2.2]
     standing: list[Maker] = [lambda r: furniture.pillar(r, WALL_HEIGHT)] * 2
     along: list[Maker] = [*[furniture.shelf, furniture.cabinet] * (3 + round(2 * difficulty)), furniture.table, furniture.table]
     about: list[Maker] = [furniture.table, furniture.table, *[furniture.crates, furniture.barrel] * (1 + round(2 * difficulty))]
-    number = 0
-    for makers, at_wall in ((standing, False), (along, True), (about, False)):
-        for make in makers:
-            piece = make(rng)
-            place = furnishing.at_wall(rng, piece, long) if at_wall else furnishing.standing_free(rng, piece)
-            if place is None:
-                continue
-            _stand(spec, rng, furnishing, piece, place, number)
-            number += 1
-
-
-def _stand(spec: mujoco.MjSpec, rng: np.random.Generator, furnishing: Furnishing, piece: Piece, place: Place, number: int) -> None:
-    """Put a piece in its place, and chairs before a table."""
-    position, yaw = place
-    piece.stand(spec, furnishing.ground, f"{piece.kind}{number}", position, yaw)
-    furnishing.take(piece.footprint(position, yaw))
-    if piece.kind == "table":
+    for number, (piece, (position, yaw)) in enumerate(furnishing.places(rng, ((standing, False), (along, True), (about, False)), long)):
+        furnishing.put(spec, f"{piece.kind}{number}", piece, (position, yaw))
         width, depth = piece.size
-        for side in range(int(rng.integers(1, 3))):
+        for side in range(int(rng.integers(1, 3)) if piece.kind == "table" else 0):
             seat = furniture.chair(rng)
             where = position + turned([(side - 0.5) * 0.5 * width + rng.uniform(-0.1, 0.1), -depth / 2 - rng.uniform(0.05, 0.3)], yaw)
-            facing = yaw + rng.uniform(-0.5, 0.5)
-            seat.stand(spec, furnishing.ground, f"chair{number}-{side}", where, facing)
-            furnishing.take(seat.footprint(where, facing))
+            furnishing.put(spec, f"chair{number}-{side}", seat, (where, yaw + rng.uniform(-0.5, 0.5)))

@@ -7,7 +7,7 @@ from scipy import ndimage
 
 from worlds.props.meshes import PERIOD, boulder, hull, stone_sizes
 from worlds.props.plants import bush, canvases
-from worlds.scenes.outdoor_site import FAIR, OutdoorSite, embankment
+from worlds.scenes.outdoor_site import OutdoorSite, embankment
 from worlds.terrain.heightfield import Array, Heightfield, Mask
 from worlds.terrain.relief import fractal, swell
 from worlds.textures.masonry import rock
@@ -28,9 +28,8 @@ def build(rng: np.random.Generator, difficulty: float = 0.5) -> World:
     flat = Heightfield.flat([[-HALF, -HALF], [HALF, HALF]], SPACING)
     ground, faces = _terraces(rng, flat, difficulty)
     site = OutdoorSite(NAME, ground, HALF)
-    site.paint({"ground": soil(rng, ground, STONE), "stone": rock(rng, (186, 174, 150)), **canvases(rng, 0.3)}, FAIR, rng)
-    for place in site.rim(rng, 26, 2.4):
-        site.plant("bush", bush(rng, rng.uniform(0.8, 2.2)), place, rng.uniform(-np.pi, np.pi))
+    site.paint({"ground": soil(rng, ground, STONE), "stone": rock(rng, (186, 174, 150)), **canvases(rng, 0.3)}, rng)
+    site.plant(rng, "bush", lambda r: bush(r, r.uniform(0.8, 2.2)), site.rim(rng, 26, 2.4))
     near = ndimage.distance_transform_edt(~faces) * SPACING if faces.any() else np.full(faces.shape, 9.0)
     sizes = stone_sizes(rng, 26 + round(44 * difficulty), 0.16, 1.0)
     scree = (near > 0.4) & (near < 1.6)

@@ -19,7 +19,7 @@ from worlds.terrain.polygons import covered, offset, rectangle, signed_distance,
 from worlds.terrain.relief import fractal, rubble, swell
 from worlds.terrain.walk_surface import Decks, Terrain
 from worlds.textures.masonry import ashlar
-from worlds.textures.materials import Canvas, add_light, add_material, add_sky, set_view
+from worlds.textures.materials import Canvas, add_material, add_open_air
 from worlds.world import World
 
 THICKNESS = 0.5
@@ -140,10 +140,7 @@ def build(rng: np.random.Generator, difficulty: float = 0.5) -> World:
     site.spec.modelname = NAME
     add_material(site.spec, "stone", ashlar(rng, (186, 172, 146)), 0.05)
     add_material(site.spec, "ground", _soil(rng, plan, ground), 0.05)
-    ground.add_to(site.spec, "ground", "ground").castshadow = False
-    add_sky(site.spec, (0.42, 0.60, 0.84), (0.84, 0.88, 0.92))
-    add_light(site.spec, [*turned([0.85, 0.0], rng.uniform(-np.pi, np.pi)), -1.0], 1.0)
-    set_view(site.spec, ground.extent)
+    add_open_air(site.spec, rng, ground, ((0.42, 0.60, 0.84), (0.84, 0.88, 0.92)), 0.85)
     _walls(rng, site)
     _columns(rng, site)
     _paving(rng, site, difficulty)

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from worlds.engine import mujoco
+from worlds.terrain.heightfield import Heightfield
+from worlds.terrain.polygons import turned
 from worlds.terrain.relief import Pattern, fractal, noise
 
 Image = NDArray[np.uint8]
@@ -164,6 +166,18 @@ def add_light(spec: mujoco.MjSpec, direction: ArrayLike, brightness: float) -> N
         light = spec.worldbody.add_light(name=name, type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, castshadow=name == "sun")
         light.pos, light.dir = -12.0 * way, way
         light.diffuse, light.ambient, light.specular = np.full(3, brightness * diffuse), np.zeros(3), np.full(3, 0.1)
+
+
+def add_open_air(spec: mujoco.MjSpec, rng: np.random.Generator, ground: Heightfield, sky: tuple[ArrayLike, ArrayLike], low: float) -> None:
+    """The ground, of the material "ground"; a sky, colours at the zenith and at the horizon; the sun from anywhere; and the view.
+
+    low: m along the ground for every metre that the sun's rays go down.
+    """
+    # The ground throws hardly a shadow that would be worth drawing it once more for.
+    ground.add_to(spec, "ground", "ground").castshadow = False
+    add_sky(spec, *sky)
+    add_light(spec, [*turned([low, 0.0], rng.uniform(-np.pi, np.pi)), -1.0], 1.0)
+    set_view(spec, ground.extent)
 
 
 def set_view(spec: mujoco.MjSpec, extent: ArrayLike) -> None:
