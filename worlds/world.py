@@ -62,7 +62,13 @@ class World:
 
         Whatever hangs higher than HEADROOM over the floor (beams, lintels, vaults) occludes nobody and is left out. A table is not left out.
         """
-        return _tops(self)
+        model = self.spec.copy().compile()
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        nodes = self.ground.nodes.reshape(-1, 2)
+        floors = self.terrain.height_at(nodes)
+        heights = [_top(model, data, point, floor) for point, floor in zip(nodes.tolist(), floors.tolist(), strict=True)]
+        return self.ground.with_heights(np.array(heights).reshape(self.ground.heights.shape))
 
     def __post_init__(self) -> None:
         spawn = np.array(self.spawn, dtype=np.float64)
@@ -91,16 +97,6 @@ HEADROOM = 2.0
 """m over the floor. Whatever begins above this height occludes nobody."""
 
 _FAR = 50.0
-
-
-def _tops(world: World) -> Heightfield:
-    model = world.spec.copy().compile()
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    nodes = world.ground.nodes.reshape(-1, 2)
-    floors = world.terrain.height_at(nodes)
-    heights = [_top(model, data, point, floor) for point, floor in zip(nodes.tolist(), floors.tolist(), strict=True)]
-    return world.ground.with_heights(np.array(heights).reshape(world.ground.heights.shape))
 
 
 def _top(model: mujoco.MjModel, data: mujoco.MjData, point: list[float], floor: float) -> float:

@@ -273,8 +273,7 @@ class Crowd:
     @property
     def _nodes(self) -> Array:
         """(rows · columns, 2) m: the grid points of free space."""
-        i, j = np.indices(self.free_space.free.shape).reshape(2, -1)
-        return self.free_space.origin + self.free_space.spacing * np.stack([j, i], axis=1)
+        return self.free_space.points(np.ones_like(self.free_space.free))
 
     @cached_property
     def _grid(self) -> SteeringGrid:

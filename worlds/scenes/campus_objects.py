@@ -47,23 +47,10 @@ KERB_RAMPS = np.array(
 Colour = tuple[float, float, float]
 
 
-@dataclass(frozen=True, eq=False)
-class Sights:
-    """What lies between the cameras and where people walk: convex polygons, one a camera."""
-
-    polygons: tuple[Array, ...]
-
-    @staticmethod
-    def of_cameras() -> Sights:
-        hulls = []
-        for camera in CAMERAS:
-            points = np.concatenate([WALKED, camera[None]])
-            hulls.append(points[ConvexHull(points).vertices])
-        return Sights(tuple(hulls))
-
-    def distance(self, points: Array) -> Array:
-        """Points (..., 2) m → (...) m to the nearest line of sight; negative among them."""
-        return np.minimum.reduce([signed_distance(points, polygon) for polygon in self.polygons])
+def off_sights(points: Array) -> Array:
+    """Points (..., 2) m → (...) m to the nearest line of sight from a camera to where people walk; negative among them."""
+    fans = [np.concatenate([WALKED, camera[None]]) for camera in CAMERAS]
+    return np.minimum.reduce([signed_distance(points, fan[ConvexHull(fan).vertices]) for fan in fans])
 
 
 def kept_clear(points: Array) -> Array:
@@ -91,8 +78,7 @@ class CampusSite:
         return self.spec.worldbody.add_geom(name=name, type=kind, pos=(a + b) / 2, size=(b - a) / 2, rgba=[*colour, 1.0], group=1)
 
     def low(self, place: ArrayLike) -> float:
-        ring = np.asarray(place) + 0.25 * np.array([(0, 0), (1, 0), (0, 1), (-1, 0), (0, -1)])
-        return float(self.ground.height_at(ring).min())
+        return self.ground.lowest_around(place, 0.25)
 
     def block(self, corners: ArrayLike) -> None:
         self.blocked[covered(self.ground, corners, self.ground.spacing / 2)] = True
@@ -185,7 +171,7 @@ def _free_spots(rng: np.random.Generator, site: CampusSite, difficulty: float, g
     fit &= signed_distance(spots, rectangle((10.7, 2.0), (6.5, 4.5))) > 0
     fit &= np.min(np.linalg.norm(spots[:, None] - np.concatenate([CAMERAS, BENCHES]), axis=-1), axis=1) > 2.0
     if difficulty == 0:
-        fit &= Sights.of_cameras().distance(spots) > 3.0
+        fit &= off_sights(spots) > 3.0
     else:
         fit &= signed_distance(spots, WALKED) > -2.0 - 8.0 * difficulty
     left = spots[fit].tolist()
@@ -238,10 +224,10 @@ def surroundings(rng: np.random.Generator, site: CampusSite) -> None:
             yaw = float(np.arctan2(*(b - a)[::-1]))
             hull(points, rng.uniform(0, PERIOD, 2)).add_to(site.spec, f"hedge{number}", "leaves", [*middle, 0.0], yaw)
             number += 1
-    centre, sights = (low + high) / 2, Sights.of_cameras()
+    centre = (low + high) / 2
     for k, angle in enumerate(np.linspace(0, 2 * np.pi, 26, endpoint=False)):
         place = centre + turned([rng.uniform(42, 60), 0.0], angle + rng.uniform(-0.1, 0.1))
-        if float(sights.distance(place)) < 6:
+        if float(off_sights(place)) < 6:
             continue
         cloud = rng.normal(size=(40, 3))
         cloud *= rng.uniform(0.85, 1.1, (40, 1)) * np.array([3.4, 3.4, 3.0]) / np.linalg.norm(cloud, axis=1, keepdims=True)

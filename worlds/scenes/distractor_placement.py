@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from worlds.engine import mujoco
 from worlds.props.distractors import MAKERS
 from worlds.props.furniture import SEATINGS, SINK, Piece, single_chair
 from worlds.terrain.free_space import FEET, WHEELS, FreeSpace, largest_region
@@ -31,21 +30,8 @@ CHAIR_TRIES, PIECE_TRIES = 4, 4
 """How many pieces are drawn for one seat, and for one distractor, before the world counts as full."""
 
 
-@dataclass(frozen=True, eq=False)
-class _PartlyFurnished:
-    """A world that is being furnished: its spec, and the free space that is left."""
-
-    world: World
-    spec: mujoco.MjSpec
-    feet: FreeSpace
-    wheels: FreeSpace
-
-    @staticmethod
-    def of(world: World) -> _PartlyFurnished:
-        return _PartlyFurnished(world, world.spec.copy(), world.feet, world.wheels)
-
-    def ready(self, seats: Array) -> World:
-        return replace(self.world, spec=self.spec, feet=self.feet, wheels=self.wheels, seats=seats)
+Spaces = tuple[FreeSpace, FreeSpace]
+"""What is left free of a world that is being furnished, for feet and for wheels."""
 
 
 def with_distractors(world: World, rng: np.random.Generator, count: int) -> World:
@@ -56,22 +42,22 @@ def with_distractors(world: World, rng: np.random.Generator, count: int) -> Worl
     """
     if not count:
         return world
-    site = _PartlyFurnished.of(world)
-    add_material(site.spec, MATERIAL, atlas(rng))
-    add_material(site.spec, PICTURES, pictures(rng))
+    spec, left = world.spec.copy(), (world.feet, world.wheels)
+    add_material(spec, MATERIAL, atlas(rng))
+    add_material(spec, PICTURES, pictures(rng))
     for number in range(count):
         for _ in range(PIECE_TRIES):
             piece = MAKERS[int(rng.integers(len(MAKERS)))](rng)
-            found = next(_places(site, rng, piece), None)
+            found = next(_places(world, left, rng, piece), None)
             if found is not None:
                 break
         else:
             raise ValueError(f"distractors is {count}, {number} fit into {world.name}")
-        site, on, yaw = found
-        piece.shape.add_to(site.spec, f"{piece.kind}{number}", MATERIAL, on, yaw)
+        left, on, yaw = found
+        piece.shape.add_to(spec, f"{piece.kind}{number}", MATERIAL, on, yaw)
         if piece.picture is not None:
-            piece.picture.add_to(site.spec, f"{piece.kind}{number}-picture", PICTURES, on, yaw)
-    return site.ready(world.seats)
+            piece.picture.add_to(spec, f"{piece.kind}{number}-picture", PICTURES, on, yaw)
+    return replace(world, spec=spec, feet=left[0], wheels=left[1])
 
 
 def with_seats(world: World, rng: np.random.Generator, count: int) -> World:
@@ -81,15 +67,15 @@ def with_seats(world: World, rng: np.random.Generator, count: int) -> World:
     """
     if not count:
         return world
-    site, seats = _PartlyFurnished.of(world), list(world.seats)
-    add_material(site.spec, SEATS, atlas(rng))
+    spec, left, seats = world.spec.copy(), (world.feet, world.wheels), list(world.seats)
+    add_material(spec, SEATS, atlas(rng))
     number, failed = 0, 0
     while len(seats) < count:
         # Where a bench or a table has not fitted in, a chair may.
         seating = single_chair(rng) if failed else SEATINGS[int(rng.integers(len(SEATINGS)))](rng)
-        for smaller, on, yaw in _places(site, rng, seating.piece):
-            site, failed = smaller, 0
-            seating.piece.shape.add_to(site.spec, f"{seating.piece.kind}{number}-seat", SEATS, on, yaw)
+        for smaller, on, yaw in _places(world, left, rng, seating.piece):
+            left, failed = smaller, 0
+            seating.piece.shape.add_to(spec, f"{seating.piece.kind}{number}-seat", SEATS, on, yaw)
             for place in seating.places:
                 x, y = turned(place[None, :2], yaw)[0] + on[:2]
                 seats.append(np.array([x, y, on[2] + place[2], yaw + np.pi / 2]))
@@ -99,28 +85,22 @@ def with_seats(world: World, rng: np.random.Generator, count: int) -> World:
             if failed == CHAIR_TRIES:
                 raise ValueError(f"{count} people shall sit, {len(seats)} seats fit into {world.name}")
         number += 1
-    return site.ready(np.array(seats))
+    return replace(world, spec=spec, feet=left[0], wheels=left[1], seats=np.array(seats))
 
 
-def _places(site: _PartlyFurnished, rng: np.random.Generator, piece: Piece) -> Iterator[tuple[_PartlyFurnished, Array, float]]:
-    """Random places for a piece, at most TRIES of them: the site with less free space, position (3,) m and yaw rad."""
-    world = site.world
+def _places(world: World, left: Spaces, rng: np.random.Generator, piece: Piece) -> Iterator[tuple[Spaces, Array, float]]:
+    """Random places for a piece, at most TRIES of them: what is free then, position (3,) m and yaw rad."""
+    free = left[0].points(left[0].free)
     for _ in range(TRIES):
-        place, yaw = _draw(rng, site.feet), float(rng.uniform(-np.pi, np.pi))
+        place, yaw = free[int(rng.integers(len(free)))], float(rng.uniform(-np.pi, np.pi))
         corners = piece.footprint(place, yaw)
         heights = world.terrain.height_at(np.concatenate([corners, [place]]))
         # Corners that are free keep wide pieces out of walls and of each other.
-        if not site.feet.free_at(corners).all() or np.ptp(heights) > LEVEL or _near_spawn(world.spawn, corners):
+        if not left[0].free_at(corners).all() or np.ptp(heights) > LEVEL or _near_spawn(world.spawn, corners):
             continue
-        feet, wheels = _without(site.feet, corners, FEET.half_width), _without(site.wheels, corners, WHEELS.half_width)
+        feet, wheels = (_without(space, corners, kind.half_width) for space, kind in zip(left, (FEET, WHEELS), strict=True))
         if feet is not None and wheels is not None:
-            yield replace(site, feet=feet, wheels=wheels), np.array([*place, float(heights.min()) - SINK]), yaw
-
-
-def _draw(rng: np.random.Generator, feet: FreeSpace) -> Array:
-    i, j = np.nonzero(feet.free)
-    k = int(rng.integers(len(i)))
-    return feet.origin + feet.spacing * np.array([j[k], i[k]], dtype=np.float64)
+            yield (feet, wheels), np.array([*place, float(heights.min()) - SINK]), yaw
 
 
 def _near_spawn(spawn: Array, corners: Array) -> bool:

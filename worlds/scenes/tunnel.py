@@ -88,7 +88,7 @@ def draw(rng: np.random.Generator, difficulty: float) -> TunnelPlan:
     lower, stem = ways[6], ways[0]
     bridges = [_bridge(*lower[:2], rng.uniform(0.35, 0.65))] + [_bridge(*stem[:2], 0.25)] * (difficulty > 0.7)
     shafts = [(halls[k][0] + rng.uniform(-0.5, 0.5, 2), rng.uniform(0.9, 1.3)) for k in (0, 2)]
-    pillars = [(m + _polar(rng, 0.45 * r), rng.uniform(0.38, 0.55)) for m, r in halls for _ in range(1)]
+    pillars = [(m + turned([0.45 * r, 0.0], rng.uniform(-np.pi, np.pi)), rng.uniform(0.38, 0.55)) for m, r in halls]
     lamps = [halls[1][0], (ways[0][0] + ways[0][1]) / 2, (lower[0] + lower[1]) / 2, ways[-1][1], (ways[5][0] * 0.4 + ways[5][1] * 0.6)]
     spots = [a + t * (b - a) for a, b, _ in ways for t in (0.3, 0.75)]
     heaps = [spots[k] + rng.uniform(-1.2, 1.2, 2) for k in rng.permutation(len(spots))[: 4 + round(4 * difficulty)]]
@@ -101,11 +101,6 @@ def _bent(rng: np.random.Generator, a: Array, b: Array) -> list[Array]:
     """From a to b by way of a place beside the middle."""
     along = (b - a) / np.hypot(*(b - a))
     return [a, (a + b) / 2 + np.array([-along[1], along[0]]) * rng.choice([-1, 1]) * rng.uniform(0.6, 1.4), b]
-
-
-def _polar(rng: np.random.Generator, radius: float) -> Array:
-    angle = rng.uniform(-np.pi, np.pi)
-    return radius * np.array([np.cos(angle), np.sin(angle)])
 
 
 def _bridge(a: Array, b: Array, share: float) -> tuple[Array, float]:
@@ -151,8 +146,8 @@ class _Cave:
     bed: Heightfield
     blocked: Mask
 
-    def stand(self, shape: Shape, name: str, pos: Array, yaw: float = 0.0, material: str = "rock") -> mujoco.MjsGeom:
-        return shape.add_to(self.spec, name, material, pos, yaw)
+    def stand(self, shape: Shape, name: str, pos: Array, yaw: float = 0.0) -> mujoco.MjsGeom:
+        return shape.add_to(self.spec, name, "rock", pos, yaw)
 
 
 def build(rng: np.random.Generator, difficulty: float = 0.5) -> World:

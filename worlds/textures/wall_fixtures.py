@@ -70,11 +70,11 @@ def _services(canvas: Canvas, rng: np.random.Generator) -> None:
         canvas.shade(box, 0.25 * np.sin(np.linspace(-0.6, 3.6, columns))[None, :] - 0.1)
 
 
-def _poster(canvas: Canvas, rng: np.random.Generator, x: float, y: float | None = None) -> float:
+def _poster(canvas: Canvas, rng: np.random.Generator, x: float) -> float:
     """A scientific poster: a title, columns of writing, pictures and plots."""
     width = rng.uniform(0.55, 1.0)
     high = width * rng.uniform(1.15, 1.4)
-    y0 = rng.uniform(1.2, 1.35) if y is None else y
+    y0 = rng.uniform(1.2, 1.35)
     x1, y1 = x + width, min(y0 + high, canvas.height - 0.3)
     colour = BRIGHT[int(rng.integers(5))]
     canvas.shade((x + 0.02, y0 - 0.02, x1 + 0.015, y1), -0.25)
@@ -238,7 +238,7 @@ def _panel(canvas: Canvas, rng: np.random.Generator, x: float) -> float:
     return width
 
 
-def _door(canvas: Canvas, rng: np.random.Generator, x: float) -> float:
+def _door(canvas: Canvas, rng: np.random.Generator, x: float) -> None:
     """A closed door a metre wide with its frame, a pane, a plate and a sign."""
     colour = tint(rng, [(120, 84, 58), (84, 104, 128), (148, 60, 52), (170, 164, 150)][int(rng.integers(4))], 8)
     box = (x, 0.0, x + 1.0, 2.1)
@@ -254,4 +254,3 @@ def _door(canvas: Canvas, rng: np.random.Generator, x: float) -> float:
     canvas.writing(rng, (x + 0.11, 1.61, x + 0.25, 1.71), INK, 0.035)
     canvas.fill((x + 0.3, 2.26, x + 0.7, 2.42), (0, 128, 84))
     canvas.writing(rng, (x + 0.34, 2.28, x + 0.66, 2.40), (240, 244, 240), 0.09)
-    return 1.0
