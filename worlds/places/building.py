@@ -9,7 +9,7 @@ from worlds.places.entrances import entrances_of
 from worlds.places.height_map import Relief, orthophoto, read_height_map
 from worlds.places.mesh_place import build_mesh
 from worlds.places.model_place import build_model
-from worlds.places.place import HEIGHT_MAP, MESH, MOST_NODES, Place, place_of
+from worlds.places.place import HEIGHT_MAP, MESH, Place, place_of
 from worlds.terrain.free_space import walkers_spaces
 from worlds.textures.materials import FAIR_SKY, HIGH_SUN, Image, add_light, add_picture, add_sky, set_view
 from worlds.textures.soils import Soil, soil
@@ -34,7 +34,7 @@ def build_place(name: str, rng: np.random.Generator) -> World:
 
 def _terrain(place: Place, rng: np.random.Generator) -> World:
     """The world of a height map. Raises ValueError as read_height_map, and where people or rovers could not get about on it."""
-    relief = read_height_map(place, MOST_NODES)
+    relief = read_height_map(place)
     ground = relief.ground
     spec = mujoco.MjSpec()
     spec.modelname = place.name

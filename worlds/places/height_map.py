@@ -47,8 +47,8 @@ class _Raster:
     found: Found = field(default_factory=dict)
 
 
-def read_height_map(place: Place, most: int) -> Relief:
-    """The relief of a height map, around the middle of the map as the origin; its lowest height is 0 m. most: grid points along the longer side.
+def read_height_map(place: Place) -> Relief:
+    """The relief of a height map, around the middle of the map as the origin; its lowest height is 0 m.
 
     Raises ValueError, which says what to change, for a file that cannot be read, lacks metres, or has too many holes.
     """
@@ -61,10 +61,8 @@ def read_height_map(place: Place, most: int) -> Relief:
     if not (sides >= 3.0).all():
         told = "" if place.area is None else f", whose height map covers {whole[0, 0]:.4g}:{whole[0, 1]:.4g}:{whole[1, 0]:.4g}:{whole[1, 1]:.4g}"
         raise ValueError(f"{place.source}: the place is {sides[0]:.3g} x {sides[1]:.3g} m, needs at least 3 m a side (size=, area=){told}")
-    spacing = place.spacing or max(float(sides.max()) / (most - 1), 0.1)
+    spacing = place.grid_spacing(float(sides.max()))
     count = np.maximum(np.floor(sides / spacing + 1e-6).astype(int) + 1, 2)
-    if count.max() > 4 * most:
-        raise ValueError(f"{place.source}: spacing is {spacing:g} m, needs at least {sides.max() / (4 * most):.3g} for {sides.max():.0f} m")
     x, y = area[0, 0] + spacing * np.arange(count[0]), area[0, 1] + spacing * np.arange(count[1])
     # Pixel centres are half a pixel off the corner.
     u, v = (x - whole[0, 0]) / dx - 0.5, (whole[1, 1] - y) / dy - 0.5

@@ -11,7 +11,7 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from worlds.places.place import AXES, UNITS, Place
+from worlds.places.place import AXES, UNITS, Found, Place
 from worlds.terrain.heightfield import Array
 
 MOST_TRIANGLES, MOST_READ = 1_000_000, 8_000_000
@@ -45,7 +45,7 @@ class MeshFile:
 
     parts: list[Part]
     notes: list[str]
-    found: dict[str, str | float | list[float]]
+    found: Found
 
 
 def read_mesh(place: Place) -> MeshFile:
@@ -60,7 +60,7 @@ def read_mesh(place: Place) -> MeshFile:
     turn = _upright(up)
     parts = [replace(part, vertices=part.vertices @ turn.T) for part in parts]
     bounds = _bounds(parts)
-    unit, why = (place.unit, "told") if place.unit else _guessed_unit(bounds)
+    unit = place.unit or _guessed_unit(bounds)
     sides = (bounds[1] - bounds[0])[:2] * unit
     if sides.max() > LARGEST or sides.min() < SMALLEST:
         size = f"{sides[0]:.3g} x {sides[1]:.3g} m"
@@ -68,9 +68,9 @@ def read_mesh(place: Place) -> MeshFile:
     middle = bounds.mean(axis=0) * unit
     shift = np.where(np.abs(middle) > FAR, -middle, 0.0)
     parts = [replace(part, vertices=part.vertices * unit + shift) for part in parts]
-    axis = f"{up} points up ({_told(place.up)}), unit {unit:g} m ({why})"
+    axis = f"{up} points up ({_told(place.up)}), unit {unit:g} m ({_told(place.unit)})"
     notes = [f"{place.source.name}: {sides[0]:.4g} x {sides[1]:.4g} m, {total} triangles; {axis}"]
-    found: dict[str, str | float | list[float]] = {"up": up, "unit": unit}
+    found: Found = {"up": up, "unit": unit}
     if shift.any():
         notes.append(f"it is moved by {', '.join(f'{v:.2f}' for v in shift)} m towards the origin")
         found["found_shift"] = shift.tolist()
@@ -158,14 +158,14 @@ def _upright(up: str) -> Array:
     return rows
 
 
-def _guessed_unit(bounds: Array) -> tuple[float, str]:
-    """m a unit, and why: metres where that gives a place; else the first unit that does."""
+def _guessed_unit(bounds: Array) -> float:
+    """m a unit: metres where that gives a place; else the first unit that does."""
     sides = bounds[1] - bounds[0]
     for name in ("m", "mm", "cm"):
         wide, high = sides[:2] * UNITS[name], sides[2] * UNITS[name]
         if wide.min() >= SMALLEST and wide.max() <= (500.0 if name == "m" else 100.0) and high <= 150.0:
-            return UNITS[name], "guessed"
-    return 1.0, "guessed"
+            return UNITS[name]
+    return 1.0
 
 
 def _reduced(part: Part, share: float) -> Part:

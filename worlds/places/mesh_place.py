@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from worlds.engine import mujoco
 from worlds.places.entrances import entrances_of
 from worlds.places.mesh_file import Part, read_mesh
-from worlds.places.place import MOST_NODES, Place
+from worlds.places.place import Place
 from worlds.places.surfaces import Level, find_level
 from worlds.semantics import kind_of
 from worlds.terrain.free_space import FEET, free_space, walkers_spaces
@@ -28,13 +28,10 @@ HIDDEN = 4
 def grid_over(place: Place, bounds: Array) -> Heightfield:
     """The grid of free space over bounds (2, 3) m, or over the area of the place."""
     low, high = bounds[:, :2] if place.area is None else np.clip(np.reshape(place.area, (2, 2)), *bounds[:, :2])
-    longest = float((high - low).max())
     if not (high - low > 2.0).all():
         whose = "the place is" if place.area is None else "area covers"
         raise ValueError(f"{whose} {max(high[0] - low[0], 0):.3g} x {max(high[1] - low[1], 0):.3g} m, needs more than 2 m a side")
-    spacing = place.spacing or max(0.1, longest / (MOST_NODES - 1))
-    if longest / spacing > 4 * MOST_NODES:
-        raise ValueError(f"spacing is {spacing:g} m, needs at least {longest / (4 * MOST_NODES):.3g} for {longest:.0f} m")
+    spacing = place.grid_spacing(float((high - low).max()))
     # Not on the very edges of things that are drawn in whole metres, where a vertical line touches two of them.
     return Heightfield.flat([low + 0.37 * spacing, high], spacing)
 

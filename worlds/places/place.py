@@ -77,6 +77,16 @@ class Place:
         """The name of the world: that of the file."""
         return "".join(c if c.isalnum() or c in "-_" else "_" for c in self.source.stem)[:40]
 
+    def grid_spacing(self, longest: float) -> float:
+        """m: of the grid of free space, as told, or so that MOST_NODES lie along the longer side of `longest` m, but 0.1 m at least.
+
+        Raises ValueError for a spacing that makes the grid too large.
+        """
+        spacing = self.spacing or max(0.1, longest / (MOST_NODES - 1))
+        if longest / spacing > 4 * MOST_NODES:
+            raise ValueError(f"spacing is {spacing:g} m, needs at least {longest / (4 * MOST_NODES):.3g} for {longest:.0f} m")
+        return spacing
+
     def toml(self, found: Found, notes: Sequence[str]) -> str:
         """The text of place.toml. found: what was guessed or read, beside what was told. notes: comments. Paths are as they were told."""
         values: dict[str, Any] = {"source": self.source.as_posix(), "sha256": hashlib.sha256(self.source.read_bytes()).hexdigest()}

@@ -307,15 +307,9 @@ def walkers_spaces(name: str, ground: Heightfield, obstacles: Mask | tuple[Mask,
 
 
 def _too_steep(ground: Heightfield, limits: Limits) -> Mask:
-    z, spacing = ground.heights, ground.spacing
-    limit = max(limits.step, spacing * np.tan(limits.slope)) + 1e-9
-    steep = np.zeros(z.shape, dtype=bool)
-    east, north = np.abs(np.diff(z, axis=1)) > limit, np.abs(np.diff(z, axis=0)) > limit
-    steep[:, :-1] |= east
-    steep[:, 1:] |= east
-    steep[:-1] |= north
-    steep[1:] |= north
-    smooth = ndimage.uniform_filter(z, max(1, round(STRIDE / spacing)), mode="nearest")
+    spacing = ground.spacing
+    steep = ground.rise > max(limits.step, spacing * np.tan(limits.slope)) + 1e-9
+    smooth = ndimage.uniform_filter(ground.heights, max(1, round(STRIDE / spacing)), mode="nearest")
     slope = np.hypot(*np.gradient(smooth, spacing))
     return steep | (slope > np.tan(limits.slope))
 

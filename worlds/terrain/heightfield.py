@@ -86,6 +86,16 @@ class Heightfield:
         corners = [around[:-1, :-1], around[:-1, 1:], around[1:, :-1], around[1:, 1:]]
         return np.arctan(np.maximum.reduce(corners))
 
+    @property
+    def rise(self) -> Array:
+        """(rows, columns) m: the largest difference of height from each grid point to one of its four neighbours."""
+        out = np.zeros_like(self.heights)
+        for z, rise in ((self.heights, out), (self.heights.T, out.T)):
+            step = np.abs(np.diff(z, axis=0))
+            rise[:-1] = np.maximum(rise[:-1], step)
+            rise[1:] = np.maximum(rise[1:], step)
+        return out
+
     def height_at(self, points: ArrayLike) -> Array:
         """(n, 2 or more) x, y m → (n,) heights m; the nearest inside outside."""
         # One kind of array, read-only and contiguous, so that the kernel is compiled once.

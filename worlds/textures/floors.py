@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from worlds.terrain.heightfield import Array, Heightfield, Mask
+from worlds.terrain.heightfield import Heightfield, Mask
 from worlds.terrain.polygons import signed_distance
 from worlds.terrain.relief import Pattern, fractal, noise
 from worlds.textures.materials import Canvas, tint
@@ -110,7 +110,7 @@ def lane(canvas: Canvas, rng: np.random.Generator, ground: Heightfield, points: 
 
 def hazards(canvas: Canvas, ground: Heightfield) -> None:
     """Black and yellow stripes along every step of the ground, as the law has it."""
-    rise = np.maximum(_spread(ground.heights, 0), _spread(ground.heights, 1)) > HAZARD
+    rise = ground.rise > HAZARD
     rows, columns = canvas.pixels.shape[:2]
     i = np.linspace(ground.heights.shape[0] - 1, 0, rows)
     j = np.linspace(0, ground.heights.shape[1] - 1, columns)
@@ -119,16 +119,6 @@ def hazards(canvas: Canvas, ground: Heightfield) -> None:
     dark = (x + y) % round(0.28 * SCALE) < round(0.14 * SCALE)
     grime = 0.82 + 0.18 * canvas.pixels[y, x].mean(axis=1, keepdims=True) / 150
     canvas.pixels[y, x] = np.where(dark[:, None], [44, 42, 40], [214, 170, 44]) * grime
-
-
-def _spread(heights: Array, axis: int) -> Array:
-    """Largest rise from each grid point to its two neighbours along an axis."""
-    rise = np.abs(np.diff(heights, axis=axis))
-    pad = [(0, 0), (0, 0)]
-    pad[axis] = (1, 0)
-    before = np.pad(rise, pad)
-    pad[axis] = (0, 1)
-    return np.maximum(before, np.pad(rise, pad))
 
 
 def _region(canvas: Canvas, ground: Heightfield, corners: ArrayLike) -> tuple[Pattern, Mask]:
