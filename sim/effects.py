@@ -1,7 +1,7 @@
 """Errors of real cameras, each off by default: their text, `vignette=1.5,readout=0.02`, and what they do to an image.
 
-Effects of lens, sensor and compression are a function each, in the order in which light and data pass them:
-1. `drops` and 2. `dust` on the lens; 3. `chromatic_shift`, 4. `defocus` and 5. `vignette` of the lens; 6. `exposed`: the exposure of the sensor;
+Effects of lens, sensor and compression have this order, in which light and data pass them:
+1. `drops` and 2. dust on the lens; 3. `chromatic_shift`, 4. `defocus` and 5. `vignette` of the lens; 6. the exposure of the sensor;
 7. `gain_noise` of the sensor; 8. `halos` of sharpening; 9. `jpeg`. Effects 1 to 7 act on linear light (H, W, 3) float32, 0 to 1, the others on
 counts (H, W, 3) uint8. Linear light and counts are related by the sRGB curve (IEC 61966-2-1).
 """
@@ -160,10 +160,6 @@ class OpticalField:
         farthest = np.pi / 2 if camera.wraps else float(angle[~blind].max())
         self.radius: NDArray[np.float32] = np.minimum(angle / farthest, 1.0).astype(np.float32).reshape(camera.height, camera.width)
 
-    def attenuation(self, stops: float) -> NDArray[np.float32]:
-        """Share (H, W, 1) of the light that a vignette of so many stops leaves."""
-        return np.exp2(np.float32(-stops) * self.radius**2)[..., None]
-
     @cached_property
     def _outward(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Columns and rows (H, W) of the shift of 1 px at the border of the field, away from the axis."""
@@ -218,11 +214,6 @@ def drops(light: Light, spots: list[Spot], wraps: bool) -> Light:
     return out
 
 
-def dust(light: Light, transmission: Light) -> Light:
-    """Specks on the lens, which hold back light. transmission: as `dust_transmission` gives it."""
-    return light * transmission
-
-
 def dust_transmission(shape: tuple[int, int], spots: list[Spot], wraps: bool) -> Light:
     """Share (H, W, 1) of the light that passes specks. They are out of focus: opacity falls from the middle to the border as a cosine."""
     height, width = shape
@@ -259,12 +250,7 @@ def defocus(light: Light, radius: float, wraps: bool) -> Light:
 
 def vignette(light: Light, field: OpticalField, stops: float) -> Light:
     """Light lost towards the border of the field: `stops` there, growing with the square of the distance from the axis."""
-    return light * field.attenuation(stops)
-
-
-def exposed(light: Light, stops: float) -> Light:
-    """Light of a sensor that is exposed by so many stops more."""
-    return light * np.float32(2.0**stops)
+    return light * np.exp2(np.float32(-stops) * field.radius**2)[..., None]
 
 
 def gain_noise(light: Light, gain: float, rng: np.random.Generator) -> Light:
@@ -313,7 +299,7 @@ class ImageEffects:
         if self._drops:
             light = drops(light, self._drops, camera.wraps) * np.asarray(self._seen)[..., None]
         if self._transmission is not None:
-            light = dust(light, self._transmission)
+            light = light * self._transmission
         if e.chromatic is not None and self._field is not None:
             light = chromatic_shift(light, self._field, e.chromatic)
         if e.defocus is not None:
@@ -321,7 +307,7 @@ class ImageEffects:
         if e.vignette is not None and self._field is not None:
             light = vignette(light, self._field, e.vignette)
         if self.stops:
-            light = exposed(light, self.stops)
+            light = light * np.float32(2.0**self.stops)
         if e.gain is not None:
             light = gain_noise(light, e.gain, self._rng)
         return counts_of(light)
@@ -331,10 +317,6 @@ class ImageEffects:
         if self.effects.halos is not None:
             counts = halos(counts, self.effects.halos, self._camera.wraps)
         return counts if self.effects.jpeg is None else jpeg(counts, int(self.effects.jpeg))
-
-    def apply(self, counts: Counts) -> Counts:
-        """All effects on one image (H, W, 3)."""
-        return self.processed(self.captured(counts))
 
 
 def averaged(images: list[Counts]) -> Counts:

@@ -91,15 +91,20 @@ def test_halos_overshoot_at_an_edge_alone() -> None:
     assert (out[:, :20] == 100).all()
 
 
+def applied(text: str, camera: Pinhole | Panorama | Fisheye, image: np.ndarray) -> np.ndarray:
+    effects = ImageEffects(parse_effects(text), camera, np.random.default_rng(5))
+    return effects.processed(effects.captured(image))
+
+
 @pytest.mark.parametrize("text", ["vignette=1", "defocus=1.5", "chromatic=1", "halos=1", "gain=20", "jpeg=30", "dust=5", "drops=3"])
 @pytest.mark.parametrize("camera", [LENS, Panorama(128, 64), ROUND])
 def test_effects_are_seeded_and_change_the_image(text: str, camera: Pinhole) -> None:
     image = picture(camera) // 2 + 60
-    first, again = (ImageEffects(parse_effects(text), camera, np.random.default_rng(5)).apply(image) for _ in range(2))
+    first, again = (applied(text, camera, image) for _ in range(2))
     assert (first == again).all()
     assert first.dtype == np.uint8
     assert (first != image).any()
-    assert (ImageEffects(parse_effects(""), camera, np.random.default_rng(5)).apply(image) == image).all()
+    assert (applied("", camera, image) == image).all()
 
 
 def test_spots_lie_in_the_round_image_and_are_told() -> None:
@@ -108,7 +113,7 @@ def test_spots_lie_in_the_round_image_and_are_told() -> None:
     assert not ROUND.blind([[spot.u - 0.5, spot.v - 0.5] for spot in made.spots]).any()
     white = np.full((100, 100, 3), 200, np.uint8)
     dusty = ImageEffects(parse_effects("dust=40"), ROUND, np.random.default_rng(2))
-    out = dusty.apply(white)
+    out = dusty.captured(white)
     for spot in dusty.spots:
         assert (out[int(spot.v), int(spot.u)] < 200).all()
 
