@@ -41,11 +41,11 @@ class Worlds:
     """Print JSON alone."""
 
     def run(self) -> None:
-        from sim.visualization.world_survey import SurveyOptions, describe, survey
+        from sim.visualization.world_survey import describe, survey
         from tracker.io.file_lock import folder_lock
 
         with nullcontext() if self.preview is None else folder_lock(self.preview), locked(self.export):
-            rows = survey(self.name, self.difficulty, self.seed, SurveyOptions(self.preview, self.export, self.slip, self.distractors))
+            rows = survey(self.name, self.difficulty, self.seed, self.distractors, self.slip, self.preview, self.export)
         print(json_text(rows, indent=1) if self.json else describe(rows))
         if not self.json:
             for note in rows[0].get("notes", []):

@@ -9,6 +9,7 @@ Thus a renderer changes the level of detail by the mesh index alone.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -76,10 +77,7 @@ def _one(rng: np.random.Generator, options: dict[str, float]) -> str:
 
 def draw_outfit(rng: np.random.Generator) -> Outfit:
     """Random clothes, hair and luggage."""
-
-    def one(options: dict[str, float]) -> str:
-        return _one(rng, options)
-
+    one = partial(_one, rng)
     head = int(rng.choice(clothing_textures.HEADS))
     hair = one({"short": 0.44, "long": 0.26, "bun": 0.10, "cap": 0.12, "beanie": 0.08})
     if head % clothing_textures.BALD == 0 and hair in ("short", "long", "bun"):

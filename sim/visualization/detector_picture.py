@@ -70,10 +70,10 @@ def _note(found: Fit) -> str:
     return text
 
 
-def _bars(axis: Any, labels: Sequence[str], figures: Sequence[tuple[float, float, float]], colour: str = REAL) -> None:
+def _bars(axis: Any, labels: Sequence[str], figures: Sequence[tuple[float, float, float]]) -> None:
     values = np.array(figures).reshape(-1, 3)
     spread = np.abs(np.stack([values[:, 0] - np.minimum(values[:, 1], values[:, 0]), np.maximum(values[:, 2], values[:, 0]) - values[:, 0]]))
-    axis.errorbar(range(len(values)), values[:, 0], yerr=spread, fmt="o", color=colour, capsize=3, ms=4)
+    axis.errorbar(range(len(values)), values[:, 0], yerr=spread, fmt="o", color=REAL, capsize=3, ms=4)
     axis.set_xticks(range(len(labels)), labels, rotation=20, ha="right")
     axis.grid(axis="y", alpha=0.3)
 

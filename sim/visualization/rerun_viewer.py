@@ -13,7 +13,7 @@ import shutil
 import sys
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import tee
 from pathlib import Path
 from typing import Any
@@ -60,12 +60,8 @@ RESERVE = 16 << 20
 """Bytes that must be free on the disk before a frame is written."""
 
 
-@dataclass(frozen=True, eq=False)
-class SceneFrame:
-    """A tick, and the estimate of a tracker or None."""
-
-    tick: Tick
-    estimate: Estimate | None
+SceneFrame = tuple[Tick, Estimate | None]
+"""A tick, and the estimate of a tracker or None."""
 
 
 class RerunScene:
@@ -124,9 +120,9 @@ class RerunScene:
             middle, half = [*(low + high) / 2, ground.level], [*(high - low) / 2, 0.0]
             self._log("world/ground", self.rerun.Boxes3D(centers=[middle], half_sizes=[half], colors=[GREY]), static=True)
 
-    def log_frame(self, scene_frame: SceneFrame) -> None:
+    def log_frame(self, tick: Tick, estimate: Estimate | None) -> None:
         """Log one frame: truth and estimates, if there are any."""
-        tick, labelled = scene_frame.tick, self.sequence.truth or ()
+        labelled = self.sequence.truth or ()
         # Frames after the last labelled one have no truth.
         truth = labelled[tick.index] if tick.index < len(labelled) else None
         self.stream.set_time("frame", sequence=tick.index)
@@ -134,9 +130,9 @@ class RerunScene:
         if truth is not None:
             self._people("world/truth/people", truth.person_id, truth.feet, GREY)
             self._robots("world/truth/robots", truth.T_world_robot, ROYAL)
-        if scene_frame.estimate is not None:
-            self._estimates(scene_frame.estimate, truth)
-        self._images(scene_frame, truth)
+        if estimate is not None:
+            self._estimates(estimate, truth)
+        self._images(tick, estimate, truth)
 
     def _estimates(self, estimate: Estimate, truth: Truth | None) -> None:
         self._people("world/tracks", estimate.target_id, estimate.position, None)
@@ -195,9 +191,8 @@ class RerunScene:
         centres = [centre for centre, _ in spread]
         self._log(path, self.rerun.Ellipsoids3D(half_sizes=sizes, centers=centres, quaternions=turns, colors=colours))
 
-    def _images(self, scene_frame: SceneFrame, truth: Truth | None) -> None:
-        estimate = scene_frame.estimate
-        for view in scene_frame.tick.views:
+    def _images(self, tick: Tick, estimate: Estimate | None, truth: Truth | None) -> None:
+        for view in tick.views:
             if view.image is None:
                 continue
             mount, image = self.sequence.setup.mounts[view.camera], view.image
@@ -339,9 +334,9 @@ def _sequence_and_tracks(folder: Path, results: Path | None) -> tuple[Path, Path
 def _play(scene: RerunScene, frames: Iterator[SceneFrame], check: Callable[[], None] = lambda: None) -> None:
     """Show all frames. check: is called before each."""
     scene.log_static()
-    for one in progress_bar(frames, total=len(scene.sequence.ticks), desc="frames", unit="frame"):
+    for tick, estimate in progress_bar(frames, total=len(scene.sequence.ticks), desc="frames", unit="frame"):
         check()
-        scene.log_frame(one)
+        scene.log_frame(tick, estimate)
 
 
 def read_frame(results: Results, k: int) -> Estimate:
@@ -355,7 +350,7 @@ def read_frame(results: Results, k: int) -> Estimate:
 def _with_results(sequence: Sequence, read: Results | None) -> Iterator[SceneFrame]:
     """Each tick with the estimate in the files of a run, where there are some."""
     for tick in sequence.ticks:
-        yield SceneFrame(tick, None if read is None else read_frame(read, tick.index))
+        yield tick, None if read is None else read_frame(read, tick.index)
 
 
 def _tracked_now(sequence: Sequence) -> Iterator[SceneFrame]:
@@ -363,4 +358,4 @@ def _tracked_now(sequence: Sequence) -> Iterator[SceneFrame]:
     # Estimates come later than their ticks, which are kept meanwhile.
     read, shown = tee(sequence.ticks)
     for estimate in track(sequence.setup, read):
-        yield SceneFrame(next(shown), estimate)
+        yield next(shown), estimate

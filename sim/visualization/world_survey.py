@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -54,42 +54,32 @@ HEADINGS = {
 }
 
 
-@dataclass(frozen=True)
-class SurveyOptions:
-    """Optional outputs. pictures: folder of previews. file: export of the one world. seconds: duration of the slip measurement, 0 for none.
-
-    distractors: number of things in the world that detectors take for people.
-    """
-
-    pictures: Path | None = None
-    file: Path | None = None
-    seconds: float = 0.0
-    distractors: int = 0
-
-
-def survey(name: str | None, difficulty: float, seed: int, options: SurveyOptions | None = None) -> list[dict[str, Any]]:
+def survey(
+    name: str | None, difficulty: float, seed: int, distractors: int = 0, seconds: float = 0.0, pictures: Path | None = None, file: Path | None = None
+) -> list[dict[str, Any]]:
     """Rows of measures (worlds.difficulty) for the world `name`, or for all worlds if it is None; with `notes` for a place of a file.
 
+    distractors: number of things in the world that detectors take for people. seconds: duration of the slip measurement, 0 for none.
+    pictures: folder of previews. file: export of the one world.
     Raises ValueError for an unknown name, a difficulty, seconds or distractors out of bounds, and an export without a name.
     It is also raised if the folder of pictures is a file.
     """
-    options = options or SurveyOptions()
-    if options.file is not None and name is None:
-        raise ValueError(f"--export {options.file} needs the name of one world: {', '.join(sorted(catalogue.WORLDS))}")
-    if not 0 <= options.seconds <= LONGEST:
-        raise ValueError(f"seconds is {options.seconds}, needs 0 to {LONGEST}")
-    if options.pictures is not None and options.pictures.exists() and not options.pictures.is_dir():
-        raise ValueError(f"{options.pictures}: is a file, needs a folder")
+    if file is not None and name is None:
+        raise ValueError(f"--export {file} needs the name of one world: {', '.join(sorted(catalogue.WORLDS))}")
+    if not 0 <= seconds <= LONGEST:
+        raise ValueError(f"seconds is {seconds}, needs 0 to {LONGEST}")
+    if pictures is not None and pictures.exists() and not pictures.is_dir():
+        raise ValueError(f"{pictures}: is a file, needs a folder")
     names = sorted(catalogue.WORLDS) if name is None else [name]
     rows = []
     for each in progress_bar(names, desc="worlds", unit="world", disable=len(names) == 1, leave=False):
-        scenario = Scenario(world=each, difficulty=difficulty, seed=seed, people=PEOPLE, robots=ROBOTS, distractors=options.distractors)
+        scenario = Scenario(world=each, difficulty=difficulty, seed=seed, people=PEOPLE, robots=ROBOTS, distractors=distractors)
         world = world_of(scenario)
-        if options.file is not None:
-            export(world, options.file)
-        measures = asdict(measure(world) if options.pictures is None else preview(scenario, world, options.pictures / f"{world.name}.png"))
-        if options.seconds:
-            measures["slip"] = wheel_slip.measure(Simulation(replace(scenario, people=0, robots=DRIVEN), world), options.seconds).error
+        if file is not None:
+            export(world, file)
+        measures = asdict(measure(world) if pictures is None else preview(scenario, world, pictures / f"{world.name}.png"))
+        if seconds:
+            measures["slip"] = wheel_slip.measure(Simulation(replace(scenario, people=0, robots=DRIVEN), world), seconds).error
         rows.append({"world": world.name, "difficulty": difficulty, "seed": seed} | {key: round(value, 4) for key, value in measures.items()})
         if world.notes:
             rows[-1]["notes"] = world.notes

@@ -9,7 +9,7 @@ import cv2
 import pytest
 
 from sim.cli.worlds import Worlds
-from sim.visualization.world_survey import HEADINGS, SurveyOptions, describe, survey
+from sim.visualization.world_survey import HEADINGS, describe, survey
 from tests.commands import pilsim
 from worlds import catalogue
 
@@ -26,7 +26,7 @@ def test_every_world_has_a_row() -> None:
 
 @pytest.mark.render
 def test_a_preview_is_drawn(tmp_path: Path) -> None:
-    (row,) = survey("pilsun", 0.5, 3, SurveyOptions(pictures=tmp_path / "pictures", seconds=10))
+    (row,) = survey("pilsun", 0.5, 3, seconds=10, pictures=tmp_path / "pictures")
     page = cv2.imread(str(tmp_path / "pictures" / "pilsun.png"))
     assert min(page.shape[:2]) > 900
     # The panorama fills the upper part: many colours, not paper.
@@ -61,4 +61,4 @@ def test_bad_input_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, c
     with pytest.raises(ValueError, match=said):
         command.run()
     with pytest.raises(ValueError, match="is a file, needs a folder"):
-        survey("pilsun", 0.5, 0, SurveyOptions(pictures=Path(__file__)))
+        survey("pilsun", 0.5, 0, pictures=Path(__file__))
