@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.recording.tracker_setup import FixedCamera
 from tracker.geometry import Array, Pose, rotation_z
 from tracker.geometry.cameras import Tsai, pinhole
 from tracker.recordings import RecordingCamera
@@ -74,7 +73,7 @@ class _RayScene:
         return self.hit(start, offset / length) > length
 
 
-def place_cameras(world: World, count: int, width: int) -> dict[str, FixedCamera]:
+def place_cameras(world: World, count: int, width: int) -> dict[str, RecordingCamera]:
     """The cameras by name. Their images are `width` px wide and three quarters as high.
 
     Raises ValueError where fewer than `count` candidates see people.
@@ -97,10 +96,10 @@ def place_cameras(world: World, count: int, width: int) -> dict[str, FixedCamera
             raise ValueError(f"views is {count}, more than the {len(chosen)} cameras that see people in {world.name}")
         chosen.append(int(np.argmax(gain)))
         views += visible[chosen[-1]]
-    return {f"View_{n:03d}": FixedCamera(camera, poses[k]) for n, k in enumerate(sorted(chosen), 1)}
+    return {f"View_{n:03d}": RecordingCamera(camera, poses[k]) for n, k in enumerate(sorted(chosen), 1)}
 
 
-def corner_cameras(world: World, count: int, width: int) -> dict[str, FixedCamera]:
+def corner_cameras(world: World, count: int, width: int) -> dict[str, RecordingCamera]:
     """Up to four cameras by name in the corners of the box around the free space, CORNER_HEIGHTS above the ground, aimed at its middle.
 
     This is for rooms, whose free space is a box. Images are `width` px wide and three quarters as high.
@@ -116,7 +115,7 @@ def corner_cameras(world: World, count: int, width: int) -> dict[str, FixedCamer
     for k, (place, height) in enumerate(zip(((x0, y0), (x1, y1), (x0, y1), (x1, y0)), CORNER_HEIGHTS, strict=True)):
         eye = np.array([*place, float(world.terrain.height_at(np.array([place]))[0]) + height])
         if k < count:
-            out[f"View_{k + 1:03d}"] = FixedCamera(camera, RecordingCamera.looking_at(camera, eye, target).pose)
+            out[f"View_{k + 1:03d}"] = RecordingCamera.looking_at(camera, eye, target)
     return out
 
 

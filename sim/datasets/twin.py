@@ -28,7 +28,6 @@ from sim.parallel.pool import Pool, usable_cores
 from sim.pedestrian.skeleton import ADULTS
 from sim.recording.drawing import drawing_workers
 from sim.recording.record import SimulatedSequence, check_absent, write_sequence
-from sim.recording.tracker_setup import FixedCamera
 from sim.scenario import BOUNDS, INDEPENDENT, Scenario
 from sim.simulation.simulation import Simulation, furnished
 from sim.visualization.overlays import colour_of, save_png
@@ -44,6 +43,7 @@ from tracker.io.file_lock import folder_lock
 from tracker.io.progress import progress_bar
 from tracker.io.resume import checksum
 from tracker.io.tsai_xml import read_camera
+from tracker.recordings import RecordingCamera
 from tracker.recordings.images import ImageSource, VideoFile
 from tracker.sequence.reader import read_sequence
 from tracker.sequence.truth_tables import read_boxes
@@ -109,7 +109,7 @@ class TrueMotion:
     boxes: frame, camera → ids (n,) and edges (n, 4) px of annotated boxes, where they are known.
     """
 
-    cameras: Mapping[str, FixedCamera]
+    cameras: Mapping[str, RecordingCamera]
     rate: float
     ids: Ints
     position: Array
@@ -140,7 +140,7 @@ def _of_recording(twin: Twin) -> TrueMotion:
         raise ValueError(f"{twin.source}: camera {moving[0]} is on a robot, needs cameras that stand still; --cameras chooses some")
     if not recording.truth:
         raise ValueError(f"{twin.source}: has no truth, which a twin needs")
-    cameras = {name: FixedCamera(camera.camera, camera.pose) for name, camera in recording.cameras.items()}
+    cameras = recording.cameras
     ids, position, height = _tracks(twin, recording.truth)
     level = recording.ground.level if isinstance(recording.ground, Flat) else _level(twin.source, height)
     area = None if recording.area is None else np.asarray(recording.area)
@@ -160,14 +160,14 @@ def _of_sequence(twin: Twin) -> TrueMotion:
     for name in [camera_named(text, fixed) for text in twin.cameras] or list(fixed):
         start = setup.starts[fixed[name].robot]
         assert start is not None
-        cameras[name] = FixedCamera(fixed[name].camera, start.T_world_robot @ fixed[name].T_body_camera)
+        cameras[name] = RecordingCamera(fixed[name].camera, start.T_world_robot @ fixed[name].T_body_camera)
     ids, position, height = _tracks(twin, {one.index: (one.person_id, one.feet) for one in truth})
     scenario = _own_scenario(sequence.provenance["scenario"])
     level = 0.0 if scenario is not None else _level(twin.source, height)
     return TrueMotion(cameras, 1 / setup.period, ids, position, level, setup.area, _origin(twin, cameras), setup.pillars, scenario=scenario)
 
 
-def _origin(twin: Twin, cameras: Mapping[str, FixedCamera]) -> dict[str, Any]:
+def _origin(twin: Twin, cameras: Mapping[str, RecordingCamera]) -> dict[str, Any]:
     return {"source": twin.source.resolve().name, "cameras": list(cameras)}
 
 
@@ -184,8 +184,8 @@ def _of_pets(twin: Twin) -> TrueMotion:
     if ANNOTATED not in files:
         raise ValueError(f"{calibration or twin.source / 'calibration'}: no {ANNOTATED}.xml")
     names = [camera_named(text, files) for text in twin.cameras] or [ANNOTATED]
-    fixed = {name: FixedCamera(*read_camera(files[name])[1:]) for name in dict.fromkeys([ANNOTATED, *names])}
-    camera, pose = fixed[ANNOTATED].camera, fixed[ANNOTATED].T_world_camera
+    fixed = {name: RecordingCamera(*read_camera(files[name])[1:]) for name in dict.fromkeys([ANNOTATED, *names])}
+    camera, pose = fixed[ANNOTATED].camera, fixed[ANNOTATED].pose
     annotations = _annotated_frames(twin, source)
     places = ground_truth(annotations, camera, pose, Flat())
     ids, position, _ = _tracks(twin, places)
@@ -273,7 +273,7 @@ def _level(source: Path, height: Array) -> float:
 def plan_of(motion: TrueMotion) -> HallPlan:
     """The hall around the paths, the area and the cameras: a room where no side is longer than LONGEST_ROOM, otherwise a square."""
     places = motion.position[np.isfinite(motion.position).all(axis=2)]
-    eyes = np.array([camera.T_world_camera.translation for camera in motion.cameras.values()])
+    eyes = np.array([camera.pose.translation for camera in motion.cameras.values()])
     corners = [places.min(axis=0) - PATH_MARGIN, places.max(axis=0) + PATH_MARGIN]
     corners += [] if motion.area is None else list(motion.area)
     inner = np.array([np.min(corners, axis=0), np.max(corners, axis=0)])

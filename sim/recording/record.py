@@ -20,7 +20,7 @@ from sim.recording.drawing import DrawingWorkers, Drawn, DrawnScene, MomentRende
 from sim.recording.frame_journal import FrameJournal
 from sim.recording.frames import Frame, FrameAssembler, FrameState, simulated_frames
 from sim.recording.shots import CameraColours, Moment, ShotPlan, effect_rows
-from sim.recording.tracker_setup import FixedCamera, cameras_of, make_setup, told_setup
+from sim.recording.tracker_setup import cameras_of, make_setup, told_setup
 from sim.scenario import Scenario
 from sim.sensors.robot_sensors import RobotSensors
 from sim.sensors.true_boxes import truth_above
@@ -28,6 +28,7 @@ from sim.simulation.simulation import Simulation
 from tracker.geometry import Pose
 from tracker.geometry.ground import Grid
 from tracker.io.atomic import is_free, write_text
+from tracker.recordings import RecordingCamera
 from tracker.sequence.schema import PLACE_FILE
 from tracker.sequence.writer import ImageForm, SequenceWriter
 from tracker.types import Boxes, Keypoints, Setup, ViewTruth
@@ -64,7 +65,7 @@ class SimulatedSequence:
     """
 
     simulation: Simulation
-    fixed: Mapping[str, FixedCamera]
+    fixed: Mapping[str, RecordingCamera]
     provenance: dict[str, Any]
     form: ImageForm = field(default_factory=ImageForm)
     workers: DrawingWorkers | None = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,8 +16,9 @@ from sim.scenario import Scenario
 from sim.sensors.raycast_camera import Raycaster
 from sim.simulation.simulation import Simulation
 from tracker.geometry import Mask, Pose
-from tracker.geometry.cameras import Camera, Panorama, pinhole
+from tracker.geometry.cameras import Panorama, pinhole
 from tracker.geometry.ground import Grid
+from tracker.recordings import RecordingCamera
 from tracker.types import Mount, Setup, Start
 from worlds.world import World
 
@@ -34,26 +35,19 @@ def _exposed(scenario: Scenario, rig: Rig, view: RigView) -> tuple[float, float]
     return 0.0 if stitched else effects.readout or 0.0, effects.shutter or 0.0
 
 
-@dataclass(frozen=True)
-class FixedCamera:
-    """A fixed camera. The tracker treats it as a robot that stays at the known pose T_world_camera."""
-
-    camera: Camera
-    T_world_camera: Pose
-
-
-def cameras_of(world: World, width: int) -> dict[str, FixedCamera]:
+def cameras_of(world: World, width: int) -> dict[str, RecordingCamera]:
     """The cameras of a user's MJCF as fixed cameras View_001 …, with pictures `width` px wide, three quarters as high."""
     height = 2 * round(0.375 * width)
     lenses = (pinhole(width, height, 2 * math.atan(math.tan(one.view / 2) * width / height)) for one in world.cameras)
     poses = (Pose(one.rotation, one.position) for one in world.cameras)
-    return {f"View_{k + 1:03d}": FixedCamera(lens, pose) for k, (lens, pose) in enumerate(zip(lenses, poses, strict=True))}
+    return {f"View_{k + 1:03d}": RecordingCamera(lens, pose) for k, (lens, pose) in enumerate(zip(lenses, poses, strict=True))}
 
 
-def make_setup(simulation: Simulation, fixed: Mapping[str, FixedCamera] | None = None) -> Setup:
+def make_setup(simulation: Simulation, fixed: Mapping[str, RecordingCamera] | None = None) -> Setup:
     """The setup of a simulation at its first frame. Start poses of rovers have random errors with sigma START_SIGMA.
 
-    fixed: name → camera, in addition to those of the rovers. Raises ValueError where there is no camera at all.
+    fixed: name → camera, in addition to those of the rovers. The tracker treats it as a robot that stays at its known pose.
+    Raises ValueError where there is no camera at all.
     """
     scenario = simulation.scenario
     scenario.check_any_camera(len(fixed or {}))
@@ -70,7 +64,7 @@ def make_setup(simulation: Simulation, fixed: Mapping[str, FixedCamera] | None =
     }
     mounts = {name: replace(mount, own_body=_own_body(simulation, mount)) for name, mount in mounts.items()}
     for name, one in (fixed or {}).items():
-        starts[name] = Start(one.T_world_camera, np.zeros((6, 6)))
+        starts[name] = Start(one.pose, np.zeros((6, 6)))
         if scenario.view_camera:
             views = rig_of(scenario.view_camera, scenario.view_width).views
             mounts |= {f"{name}{view.suffix}": Mount(view.camera, view.T_rig_view, name) for view in views}

@@ -7,7 +7,7 @@ import pytest
 
 from sim.cameras.view_clock import ViewClock, parse_view_clocks
 from sim.recording.frames import Frame, raycast_frames
-from sim.recording.tracker_setup import FixedCamera, make_setup
+from sim.recording.tracker_setup import make_setup
 from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
 from tests.sim.yard import yard
@@ -24,7 +24,7 @@ def frames(view_clock: str) -> list[Frame]:
     middle = simulation.feet().mean(axis=0)
     lens = pinhole(640, 480, 1.5)
     places = {f"View_{k:03d}": np.add(middle, (-9.0, y, 4.0)) for k, y in ((1, 0.0), (2, 1.0))}
-    fixed = {name: FixedCamera(lens, RecordingCamera.looking_at(lens, place, middle).pose) for name, place in places.items()}
+    fixed = {name: RecordingCamera.looking_at(lens, place, middle) for name, place in places.items()}
     return list(raycast_frames(simulation, make_setup(simulation, fixed)))
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from sim.recording.frames import Frame
 from sim.recording.record import SimulatedSequence, rendered_frames, write_sequence
-from sim.recording.tracker_setup import FixedCamera, make_setup
+from sim.recording.tracker_setup import make_setup
 from sim.scenario import Scenario
 from sim.sensors.true_boxes import DEPTH_IN_BODY, image_points
 from sim.simulation.simulation import Simulation
@@ -18,6 +18,7 @@ from tests.sim.rays import silhouettes
 from tests.sim.yard import yard
 from tracker.geometry import Array, Ints, Pose
 from tracker.geometry.cameras import Camera, Tsai
+from tracker.recordings import RecordingCamera
 from tracker.sequence.reader import read_sequence
 from tracker.sequence.truth_tables import read_joints, read_views
 from tracker.types import HIDDEN, KEYPOINT_NAMES, VISIBLE, Setup, ViewTruth
@@ -25,11 +26,11 @@ from tracker.types import HIDDEN, KEYPOINT_NAMES, VISIBLE, Setup, ViewTruth
 SCENARIO = Scenario(seed=5, robots=2, people=8, frames=6, width=1024)
 # The first is View_001 of PETS 2009 with its κ1 and sx, the other a wider one that bends the other way.
 FIXED = {
-    "pets": FixedCamera(
+    "pets": RecordingCamera(
         Tsai(768, 576, 5.5549183034, 5.1113043639e-3, 324.22149053, 282.56650051, 1.0937855397, 5.1273271277e-3, 4.65e-3),
         Pose.planar(-5.6, -5.6, 0.8, 2.6) @ Pose.exp([0, 0, 0, 0.02, 0.25, 0]),
     ),
-    "barrel": FixedCamera(
+    "barrel": RecordingCamera(
         Tsai(640, 480, 3.0, -0.012, 300.0, 250.0, 1.05, 5e-3, 5e-3), Pose.planar(5.6, 0.5, 3.1, 1.8) @ Pose.exp([0, 0, 0, 0, 0.1, 0])
     ),
 }

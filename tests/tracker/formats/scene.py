@@ -8,12 +8,12 @@ import numpy as np
 from sim.crowd.replay import Paths
 from sim.datasets.twin import confine_rovers
 from sim.recording.record import SimulatedSequence, write_sequence
-from sim.recording.tracker_setup import FixedCamera
 from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
 from tests.sim.plaza import plaza
 from tracker.geometry import Array, Pose
 from tracker.geometry.cameras import pinhole
+from tracker.recordings import RecordingCamera
 
 FRAMES = 6
 RATE = 6.0
@@ -52,5 +52,5 @@ def record(folder: Path) -> None:
     paths = Paths(np.array(PEOPLE), np.arange(FRAMES) / RATE, position, np.array([1.62, 1.85, 1.75, 1.7]))
     simulation = Simulation(scenario, world=confine_rovers(plaza(), position), paths=paths)
     camera = pinhole(320, 240, 1.2)
-    fixed = {f"view_{k}": FixedCamera(camera, looking(eye, (-5.0, -4.0, 0.5))) for k, eye in enumerate(EYES)}
+    fixed = {f"view_{k}": RecordingCamera(camera, looking(eye, (-5.0, -4.0, 0.5))) for k, eye in enumerate(EYES)}
     write_sequence(SimulatedSequence(simulation, fixed, json.loads(scenario.to_json())), folder)
