@@ -22,14 +22,6 @@ GLOSSARY = (
     ("Clock", "what is added to the times of a camera so that all have the times of the first one."),
     ("Feet from those of other cameras", "median distance on the ground between the feet that two cameras see of one person."),
 )
-HEADINGS = {
-    "short": "In short",
-    "contents": "On this page",
-    "moments": "Pictures",
-    "figures": "All figures",
-    "words": "Glossary",
-    "again": "How to reproduce it",
-}
 ABOUT_PICTURES = "The plan, and the view of each camera in the frame with the most boxes: ground grid of 1 m or more, horizon, boxes and their feet."
 FIGURES = {
     "boxes": ("boxes in the adjustment", "{:.0f}"),
@@ -47,7 +39,7 @@ def write_calibration_page(target: Path, found: Calibration, pictures: Mapping[s
         "kicker": "pilsim calibrate",
         "heading": "Cameras calibrated by the people before them",
         "headline": _headline(found),
-        "headings": HEADINGS,
+        "headings": {"moments": "Pictures"},
         "summary": [("What was found", _summary(found)), *changes],
         "about_moments": ABOUT_PICTURES,
         "moments": [_moment(heading, *of) for heading, of in pictures.items()],

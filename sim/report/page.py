@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -51,7 +51,6 @@ WIDTH = 1000
 """The greatest width in px."""
 BUDGET = 1_600_000
 """Bytes of all pictures together, before base64. The page then stays below 3 MB."""
-"""Of a picture that is read."""
 QUALITIES = (80, 65, 50, 35, 20)
 TEMPLATE = Path(__file__).with_suffix(".html.j2")
 MOST_FAILED = 30
@@ -70,13 +69,9 @@ COLUMNS = (
 )  # fmt: skip
 OPTIONAL_PARTS = ("worst_figures", "overview_figures", "sweeps", "moments", "failed", "failed_unlisted", "causes", "provenance", "plots_beside")
 """Names that the template uses and that a page may leave out."""
-HEADINGS = {
-    "moments": "Worst moments",
-    "failed": "Runs that failed",
-    "figures": "All figures",
-    "words": "Glossary",
-    "again": "How to reproduce it",
-}
+FIRST_HEADINGS = {"short": "In short", "contents": "On this page"}
+LAST_HEADINGS = {"figures": "All figures", "words": "Glossary", "again": "How to reproduce it"}
+"""Anchor → heading of the sections that every page has, before and after its own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,19 +159,6 @@ def jpeg(image: Any, quality: int) -> Picture:
 
 
 @dataclass(frozen=True, eq=False)
-class PageContent:
-    """What the page is made from: rows, plots by name with their SVG, and pictures of the worst moments."""
-
-    rows: Rows
-    plots: dict[str, tuple[Plot, str]]
-    album: list[Entry]
-
-    def figures(self, prefix: str) -> list[PageFigure]:
-        """The plots whose names begin with `prefix`."""
-        return [PageFigure.of(name, plot, svg) for name, (plot, svg) in self.plots.items() if name.startswith(prefix)]
-
-
-@dataclass(frozen=True, eq=False)
 class PageFigure:
     """A plot on the page: its anchor, the SVG element, and the caption."""
 
@@ -185,10 +167,10 @@ class PageFigure:
     caption: str
 
     @staticmethod
-    def of(name: str, plot: Plot, svg: str) -> PageFigure:
+    def of(plot: Plot, svg: str) -> PageFigure:
         # A screen reader reads the label, and then does not spell out the letters within the picture.
         labelled = svg.replace("<svg", f'<svg role="img" aria-label="{escape(plot.in_words())}"', 1)
-        return PageFigure(f"plot-{name}", Markup(labelled), f"{plot.note} File: {name}.")
+        return PageFigure(f"plot-{plot.name}", Markup(labelled), f"{plot.note} File: {plot.name}.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,6 +202,12 @@ class PageSweep:
     figures: list[PageFigure]
 
 
+def draw_figures(plots: Iterable[Plot], folder: Path) -> dict[str, PageFigure]:
+    """Write each plot as PNG and CSV into a folder, and return the figures of a page by the names of the plots."""
+    folder.mkdir(exist_ok=True)
+    return {plot.name: PageFigure.of(plot, save(plot, folder)) for plot in plots}
+
+
 def write_report(folder: Path, out: Path | None = None, others: Sequence[Path] = ()) -> Path:
     """Write the page to `out` (default: FOLDER/report.html), and each plot as PNG and CSV into FOLDER/report. Returns the path of the page.
 
@@ -232,25 +220,28 @@ def write_report(folder: Path, out: Path | None = None, others: Sequence[Path] =
         raise ValueError(f"{target}: is a folder, needs a file name")
     album = album_of(folder, moments(rows))
     plots = [*overview(rows), *(plot for sweep in rows.sweeps() for plot in plots_of(sweep, rows.trackers))]
-    beside = folder / "report"
-    beside.mkdir(exist_ok=True)
     target.parent.mkdir(parents=True, exist_ok=True)
-    drawn = {plot.name: (plot, save(plot, beside)) for plot in progress_bar(plots, desc="plots", unit="plot", disable=len(plots) < 8)}
-    write_text(target, render(_names(PageContent(rows, drawn, album))))
+    figures = draw_figures(progress_bar(plots, desc="plots", unit="plot", disable=len(plots) < 8), folder / "report")
+    write_text(target, render(_names(rows, figures, album)))
     return target
 
 
 def render(names: dict[str, Any]) -> str:
-    """Render a document from the names that the template uses; those of OPTIONAL_PARTS may be missing."""
+    """Render a document from the names that the template uses; those of OPTIONAL_PARTS may be missing.
+
+    headings: anchor → heading of the page's own sections, in the order of the page.
+    """
+    headings = FIRST_HEADINGS | names["headings"] | LAST_HEADINGS
     # The page is written without a server, so an undefined name must fail here and not leave a hole in the text.
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
     template = environment.from_string(TEMPLATE.read_text(encoding="utf-8"))
-    return template.render(page=dict.fromkeys(OPTIONAL_PARTS, ()) | names).lstrip()
+    return template.render(page=dict.fromkeys(OPTIONAL_PARTS, ()) | names | {"headings": headings}).lstrip()
 
 
-def _names(content: PageContent) -> dict[str, Any]:
+def _names(rows: Rows, figures: Mapping[str, PageFigure], album: list[Entry]) -> dict[str, Any]:
     """The names that the template uses, and what they hold."""
-    rows = content.rows
+    sections = {_anchor(sweep): _title(sweep) for sweep in rows.sweeps()}
+    sections |= {"moments": "Worst moments"} if album else {}
     worst = findings(rows, rows.trackers[0])[:1]
     occurring = {cause for counts in causes_of(rows.rows).values() for cause in counts}
     return {
@@ -258,13 +249,13 @@ def _names(content: PageContent) -> dict[str, Any]:
         "kicker": "pilsim stress test",
         "heading": "Where the tracker breaks, and why",
         "headline": headline(rows),
-        "headings": _headings(content),
+        "headings": sections | ({"failed": "Runs that failed"} if rows.failed else {}),
         "summary": summary(rows),
-        "worst_figures": [figure for f in worst for figure in content.figures(f"first-{name_of(f.sweep.name)}")],
-        "overview_figures": content.figures("overview"),
-        "sweeps": [_sweep(content, sweep) for sweep in rows.sweeps()],
+        "worst_figures": [figure for f in worst for figure in _beginning(figures, f"first-{name_of(f.sweep.name)}")],
+        "overview_figures": _beginning(figures, "overview"),
+        "sweeps": [_sweep(sweep, rows.trackers, _beginning(figures, name_of(sweep.name) + "-")) for sweep in rows.sweeps()],
         "about_moments": ABOUT_MOMENTS,
-        "moments": [_moment(k, entry) for k, entry in enumerate(content.album, 1)],
+        "moments": [_moment(k, entry) for k, entry in enumerate(album, 1)],
         "failed": _failed(rows.failed),
         "failed_unlisted": max(len(rows.failed) - MOST_FAILED, 0),
         "tables": [found for sweep in rows.sweeps() for tracker in rows.trackers if (found := _tables(sweep, tracker))],
@@ -279,13 +270,9 @@ def _names(content: PageContent) -> dict[str, Any]:
     }
 
 
-def _headings(content: PageContent) -> dict[str, str]:
-    """Anchor → heading of each section, in the order of the page."""
-    left_out = {"moments"} if not content.album else set()
-    left_out |= {"failed"} if not content.rows.failed else set()
-    sweeps = {_anchor(sweep): _title(sweep) for sweep in content.rows.sweeps()}
-    rest = {anchor: heading for anchor, heading in HEADINGS.items() if anchor not in left_out}
-    return {"short": "In short", "contents": "On this page", **sweeps, **rest}
+def _beginning(figures: Mapping[str, PageFigure], prefix: str) -> list[PageFigure]:
+    """The figures whose names begin with `prefix`."""
+    return [figure for name, figure in figures.items() if name.startswith(prefix)]
 
 
 def _anchor(sweep: SweepRows) -> str:
@@ -298,15 +285,15 @@ def _title(sweep: SweepRows) -> str:
     return f"{name}: {words}" if len(words) < 70 else name
 
 
-def _sweep(content: PageContent, sweep: SweepRows) -> PageSweep:
+def _sweep(sweep: SweepRows, trackers: list[str], figures: list[PageFigure]) -> PageSweep:
     sentences = [f"The sweep: {KNOWN_SWEEPS[sweep.name].about}."] if sweep.name in KNOWN_SWEEPS else []
-    for tracker in content.rows.trackers:
+    for tracker in trackers:
         found = finding(sweep, tracker)
         if found is None:
             sentences.append(f"No run of {tracker} has a score.")
             continue
         worst = found.worst.of(tracker)
-        name = f"MOTA of {tracker}" if len(content.rows.trackers) > 1 else "MOTA"
+        name = f"MOTA of {tracker}" if len(trackers) > 1 else "MOTA"
         if sweep.name == REAL:
             sentences += [part for part in (predicted(sweep, tracker),) if part]
             continue
@@ -314,7 +301,7 @@ def _sweep(content: PageContent, sweep: SweepRows) -> PageSweep:
         sentences += [
             part for part in (f"{change(found, name)} {breaking(found)}", reasons(worst, where), owner(worst, where), robots(found)) if part
         ]
-    return PageSweep(_anchor(sweep), sentences, content.figures(name_of(sweep.name) + "-"))
+    return PageSweep(_anchor(sweep), sentences, figures)
 
 
 def _moment(k: int, entry: Entry) -> PageMoment:

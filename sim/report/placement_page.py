@@ -56,13 +56,12 @@ def _names(run: PlacementRun) -> dict[str, Any]:
     """The names that the template uses, and what they hold."""
     moments = [moment for world, results in run.results.items() for moment in _moments(run, world, results)]
     count = sum(map(len, run.results.values()))
-    headings = {"short": "In short", "contents": "On this page", "moments": "Best and worst episodes", "figures": "All figures"}
     return {
         "title": f"Placement: {', '.join(run.results)}",
         "kicker": "pilsim place",
         "heading": "Where robots should go so that people stay tracked",
         "headline": " ".join(_headline(world, results) for world, results in run.results.items()),
-        "headings": headings | {"words": "Glossary", "again": "How to reproduce it"},
+        "headings": {"moments": "Best and worst episodes"},
         "summary": [("Episodes", f"{count} of {run.steps} decisions each, two a second."), ("Options", _options(run.options))],
         "about_moments": ABOUT_EPISODES,
         "moments": moments,

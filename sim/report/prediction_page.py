@@ -9,8 +9,8 @@ from typing import Any
 from sim.confidence_intervals import Interval
 from sim.prediction import ERRORS, KINDS, REAL, SCORES, Cells, Prediction, PredictionRecord, interval_text, number_text, read_prediction
 from sim.report.findings import CAUSES, GLOSSARY, listed, plural
-from sim.report.page import PageFigure, PageSweep, PageTable, render
-from sim.report.plots import Bars, Line, Plot, save
+from sim.report.page import PageFigure, PageSweep, PageTable, draw_figures, render
+from sim.report.plots import Bars, Line, Plot
 from tracker.io.atomic import write_text
 
 WORDS = ("MOTA", "IDF1", "MOTP", "Switch")
@@ -39,11 +39,8 @@ def write_prediction_page(path: Path, out: Path | None = None) -> Path:
         raise ValueError(f"{target}: is a folder, needs a file name")
     if target.resolve() == path.resolve():
         raise ValueError(f"{target}: is the file of the prediction, needs another name")
-    folder = plots_folder(path)
-    folder.mkdir(exist_ok=True)
     target.parent.mkdir(parents=True, exist_ok=True)
-    figures = {plot.name: PageFigure.of(plot.name, plot, save(plot, folder)) for plot in plots(record.found)}
-    write_text(target, render(_names(path, record, figures)))
+    write_text(target, render(_names(path, record, draw_figures(plots(record.found), plots_folder(path)))))
     return target
 
 
@@ -74,14 +71,13 @@ def _names(path: Path, record: PredictionRecord, figures: dict[str, PageFigure])
     found = record.found
     kinds = [kind for kind in KINDS if kind.replace(" ", "-") in figures]
     sections = {f"errors-{kind.replace(' ', '-')}": f"{kind[:1].upper()}{kind[1:]}" for kind in kinds}
-    ends = {"figures": "All figures", "words": "Glossary", "again": "How to reproduce it"}
     occurring = {cause for kind in KINDS for cause in found.counts(kind)}
     return {
         "title": f"Prediction: {Path(record.source).name}",
         "kicker": "pilsim prediction",
         "heading": "What the tracker would score on these cameras",
         "headline": headline(found),
-        "headings": {"short": "In short", "contents": "On this page", **sections, **ends},
+        "headings": sections,
         "summary": summary(record),
         "overview_figures": [figures[key] for key, _, _ in SCORES if key in figures],
         "sweeps": [PageSweep(f"errors-{kind.replace(' ', '-')}", sentences(found, kind), [figures[kind.replace(" ", "-")]]) for kind in kinds],

@@ -17,8 +17,8 @@ import numpy as np
 
 from sim.confidence_intervals import Interval, mean_interval
 from sim.report.findings import plural
-from sim.report.page import PageFigure, PageMoment, PageSweep, PageTable, Picture, jpeg, render
-from sim.report.plots import Bars, Line, Plot, save
+from sim.report.page import PageFigure, PageMoment, PageSweep, PageTable, Picture, draw_figures, jpeg, render
+from sim.report.plots import Bars, Line, Plot
 from sim.tuning.case_file import PopulationCase
 from sim.tuning.search import SearchPlan
 from sim.tuning.space import SearchRange
@@ -54,11 +54,8 @@ MOST_VIEWS = 5
 
 def write_tuning_page(plan: SearchPlan, found: TunedResult) -> Path:
     """Write index.html into the folder of a search, with its plots as PNG and CSV and pictures of the worst cases. Returns the path of the page."""
-    folder = plan.folder / PLOTS
-    folder.mkdir(exist_ok=True)
-    figures = {plot.name: PageFigure.of(plot.name, plot, save(plot, folder)) for plot in _plots(plan, found)}
     target = plan.folder / PAGE
-    write_text(target, render(_names(plan, found, figures)))
+    write_text(target, render(_names(plan, found, draw_figures(_plots(plan, found), plan.folder / PLOTS))))
     return target
 
 
@@ -119,8 +116,7 @@ def _names(plan: SearchPlan, found: TunedResult, figures: dict[str, PageFigure])
         "kicker": "pilsim tune",
         "heading": "Which parameters are best, and where",
         "headline": _headline(plan, found),
-        "headings": {"short": "In short", "contents": "On this page", **sections, **ends, "figures": "All figures", "words": "Glossary",
-                     "again": "How to reproduce it"},
+        "headings": sections | ends,
         "summary": _summary(plan, found),
         "overview_figures": [figures[name] for name in ("curve", "importance") if name in figures],
         "sweeps": [
