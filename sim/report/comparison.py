@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 
 from sim.confidence_intervals import Interval, difference_bounds_of, student_interval
-from sim.report.rows import Row, read_beside
+from sim.report.rows import Row, Rows, read_beside
 from tracker.io.atomic import new_file
 
-Key = tuple[str, int]
+Pair = tuple[str, int, dict[str, float], dict[str, float]]
+"""Setting, seed, and the scores of the reference and of the other tracker."""
 EVERY = "all settings"
 """The id of a difference over all settings."""
 
@@ -37,14 +38,6 @@ MEASURES = (
     ComparedMeasure("idf1", "IDF1"),
     ComparedMeasure("ate_m", "ATE [m]", more_is_better=False, digits=4),
 )
-
-
-@dataclass(frozen=True, eq=False)
-class ComparedTracker:
-    """A tracker that ran: its name, and its rows by setting and seed."""
-
-    name: str
-    rows: dict[Key, Row]
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +71,7 @@ class ComparedPair:
     unpaired: number of rows that only the reference has, and number that only the tracker has. failed: pairs in which a run failed.
     """
 
-    tracker: ComparedTracker
+    tracker: str
     unpaired: tuple[int, int]
     failed: int
     differences: tuple[ScoreDifference, ...] = field(default=())
@@ -88,7 +81,7 @@ class ComparedPair:
 class PairedComparison:
     """Every other tracker compared with the reference, which is the first."""
 
-    reference: ComparedTracker
+    reference: str
     pairs: tuple[ComparedPair, ...]
 
 
@@ -98,26 +91,28 @@ def compare_paired(folders: Sequence[Path]) -> PairedComparison:
     Raises ValueError where there is only one tracker, where no runs can be paired, and where one id and seed names two scenarios.
     """
     rows = read_beside(folders)
-    trackers = [ComparedTracker(name, {(row.id, row.seed): row for row in rows.rows if row.tracker == name}) for name in rows.trackers]
-    if len(trackers) < 2:
-        raise ValueError(f"{folders[0]}: holds one tracker ({trackers[0].name}), needs another folder or tracker beside it")
-    reference, *others = trackers
-    return PairedComparison(reference, tuple(_compare(reference, other) for other in others))
+    reference, *others = rows.trackers
+    if not others:
+        raise ValueError(f"{folders[0]}: holds one tracker ({reference}), needs another folder or tracker beside it")
+    return PairedComparison(reference, tuple(_compare(rows, reference, other) for other in others))
 
 
-def _compare(reference: ComparedTracker, other: ComparedTracker) -> ComparedPair:
-    both = [key for key in reference.rows if key in other.rows]
+def _compare(rows: Rows, first: str, second: str) -> ComparedPair:
+    """A tracker, the second, compared with the first, which is the reference."""
+    reference, other = ({(row.id, row.seed): row for row in rows.rows if row.tracker == name} for name in (first, second))
+    both = [key for key in reference if key in other]
     if not both:
-        first, second = (", ".join(f"{id} of seed {seed}" for id, seed in sorted(one.rows)[:2]) for one in (reference, other))
-        raise ValueError(f"{reference.name} and {other.name} share no setting and seed: {first} …, but {second} …")
+        named = [", ".join(f"{id} of seed {seed}" for id, seed in sorted(one)[:2]) for one in (reference, other)]
+        raise ValueError(f"{first} and {second} share no setting and seed: {named[0]} …, but {named[1]} …")
     for key in both:
-        _check_same(reference.rows[key], other.rows[key])
-    whole = [key for key in both if reference.rows[key].error is None and other.rows[key].error is None]
-    unpaired = len(reference.rows) - len(both), len(other.rows) - len(both)
+        _check_same(reference[key], other[key])
+    whole = [key for key in both if reference[key].error is None and other[key].error is None]
+    unpaired = len(reference) - len(both), len(other) - len(both)
     ids = list(dict.fromkeys(id for id, _ in whole))
     groups = [*([EVERY] if len(ids) > 1 else []), *ids]
-    found = [_difference(group, measure, reference, other, whole) for group in groups for measure in MEASURES]
-    return ComparedPair(other, unpaired, len(both) - len(whole), tuple(one for one in found if one))
+    pairs = [(*key, reference[key].scores, other[key].scores) for key in whole]
+    found = [_difference(group, measure, pairs) for group in groups for measure in MEASURES]
+    return ComparedPair(second, unpaired, len(both) - len(whole), tuple(one for one in found if one))
 
 
 def _check_same(first: Row, second: Row) -> None:
@@ -131,9 +126,9 @@ def _check_same(first: Row, second: Row) -> None:
             raise ValueError(f"{where} is another scenario: {name} is {first.scenario.get(name)} and {second.scenario.get(name)}")
 
 
-def _difference(group: str, measure: ComparedMeasure, reference: ComparedTracker, other: ComparedTracker, keys: list[Key]) -> ScoreDifference | None:
-    rows = [(key[1], reference.rows[key].scores, other.rows[key].scores) for key in keys if group in (EVERY, key[0])]
-    known = [(seed, a[measure.name], b[measure.name]) for seed, a, b in rows if measure.name in a and measure.name in b]
+def _difference(group: str, measure: ComparedMeasure, pairs: list[Pair]) -> ScoreDifference | None:
+    chosen = [(seed, a, b) for id, seed, a, b in pairs if group in (EVERY, id)]
+    known = [(seed, a[measure.name], b[measure.name]) for seed, a, b in chosen if measure.name in a and measure.name in b]
     if not known:
         return None
     by_seed: dict[int, list[float]] = {}
@@ -148,7 +143,7 @@ def comparison_text(found: PairedComparison) -> str:
     """The comparison as a text of several lines."""
     lines = []
     for pair in found.pairs:
-        lines += ["", f"{pair.tracker.name}, compared with {found.reference.name}{_unpaired(found, pair)}"]
+        lines += ["", f"{pair.tracker}, compared with {found.reference}{_unpaired(found, pair)}"]
         wide = max(len(one.id) for one in pair.differences) if pair.differences else 0
         for one in pair.differences:
             digits = one.measure.digits
@@ -162,7 +157,7 @@ def comparison_text(found: PairedComparison) -> str:
 
 
 def _unpaired(found: PairedComparison, pair: ComparedPair) -> str:
-    names = found.reference.name, pair.tracker.name
+    names = found.reference, pair.tracker
     parts = [f"{n} run{'s' * (n != 1)} of {name} without a partner" for n, name in zip(pair.unpaired, names, strict=True) if n]
     parts += [f"{pair.failed} pair{'s' * (pair.failed != 1)} with a failed run left out"] if pair.failed else []
     return f" ({'; '.join(parts)})" if parts else ""
@@ -185,10 +180,10 @@ def to_json(found: PairedComparison) -> dict[str, Any]:
         return means | {"difference": interval.mean, "low": interval.low, "high": interval.high, "seeds": interval.count, "verdict": one.verdict}
 
     entrants = [
-        {"name": pair.tracker.name, "alone": list(pair.unpaired), "failed": pair.failed, "differences": [plain(one) for one in pair.differences]}
+        {"name": pair.tracker, "alone": list(pair.unpaired), "failed": pair.failed, "differences": [plain(one) for one in pair.differences]}
         for pair in found.pairs
     ]
-    return {"reference": found.reference.name, "interval": "Student's t over seeds, 95 %", "entrants": entrants}
+    return {"reference": found.reference, "interval": "Student's t over seeds, 95 %", "entrants": entrants}
 
 
 def draw_comparison(found: PairedComparison, path: Path) -> None:
@@ -206,7 +201,7 @@ def draw_comparison(found: PairedComparison, path: Path) -> None:
         raise ValueError(f"{path}: no pair of runs has scores, so there is nothing to draw")
     with matplotlib.rc_context(STYLE):
         figure = matplotlib.figure.Figure(figsize=(13, 1.9 + 0.42 * len(ids) * max(1, 0.6 * len(found.pairs))), layout="constrained")
-        figure.suptitle(f"Difference from {found.reference.name} with 95 % interval; filled: the interval excludes 0", fontsize=12, x=0.01, ha="left")
+        figure.suptitle(f"Difference from {found.reference} with 95 % interval; filled: the interval excludes 0", fontsize=12, x=0.01, ha="left")
         panels = figure.subplots(1, len(MEASURES), sharey=True)
         for axes, measure in zip(panels, MEASURES, strict=True):
             _differences(axes, found, measure, ids)
@@ -227,7 +222,7 @@ def _differences(axes: Any, found: PairedComparison, measure: ComparedMeasure, i
     for k, pair in enumerate(found.pairs):
         shift = 0.5 * ((k + 0.5) / len(found.pairs) - 0.5)
         style = {"color": PALETTE[k % len(PALETTE)], "marker": MARKERS[k % len(MARKERS)], "markersize": 7, "linestyle": "none"}
-        axes.plot([], [], label=pair.tracker.name, **style)
+        axes.plot([], [], label=pair.tracker, **style)
         for one in pair.differences:
             if one.measure is measure:
                 place, interval = ids.index(one.id) + shift, one.interval

@@ -117,11 +117,7 @@ class Rows:
         by_sweep: dict[str, dict[str, list[Row]]] = {}
         for row in self.rows:
             by_sweep.setdefault(row.sweep, {}).setdefault(row.id, []).append(row)
-        return [SweepRows(name, _parameter(settings), tuple(_settings(settings))) for name, settings in by_sweep.items()]
-
-
-def _parameter(settings: dict[str, list[Row]]) -> str:
-    return next(iter(settings.values()))[0].parameter
+        return [SweepRows(name, next(iter(settings.values()))[0].parameter, tuple(_settings(settings))) for name, settings in by_sweep.items()]
 
 
 def _settings(settings: dict[str, list[Row]]) -> Iterator[Setting]:
