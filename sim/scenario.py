@@ -133,17 +133,20 @@ class Scenario:
     robot: str = ""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.world, str) or not self.world:
-            raise ValueError(f"world is {self.world!r}, needs a name")
+        if isinstance(self.effects, (list, tuple)) and all(isinstance(one, str) for one in self.effects):
+            object.__setattr__(self, "effects", ",".join(self.effects))
         for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if field.type == "str" and not isinstance(value, str):
+                raise ValueError(f"{field.name} is {repr(value)[:60]}, needs a text")
             if field.name in BOUNDS:
-                object.__setattr__(self, field.name, _bounded(field.name, getattr(self, field.name), whole=field.type == "int"))
+                object.__setattr__(self, field.name, _bounded(field.name, value, whole=field.type == "int"))
+        if not self.world:
+            raise ValueError("world is '', needs a name")
         if self.width % 2:
             raise ValueError(f"width is {self.width} px, needs an even number")
         self._check_sensors()
         self._check_cameras()
-        if not isinstance(self.detector_model, str):
-            raise ValueError(f"detector_model is {repr(self.detector_model)[:60]}, needs a text")
         if self.detector_model != INDEPENDENT:
             # Imported on demand: most scenarios have none.
             from tracker.detector_models.model import model_of
@@ -151,9 +154,6 @@ class Scenario:
             model_of(self.detector_model)
 
     def _check_sensors(self) -> None:
-        for name in ("imu", "clock", "view_clock"):
-            if not isinstance(getattr(self, name), str):
-                raise ValueError(f"{name} is {repr(getattr(self, name))[:60]}, needs a text")
         if isinstance(self.wheels, bool) or not isinstance(self.wheels, (int, float, np.integer, np.floating)):
             raise ValueError(f"wheels is {repr(self.wheels)[:60]}, needs a number of Hz")
         object.__setattr__(self, "wheels", float(self.wheels))
@@ -165,8 +165,6 @@ class Scenario:
             raise ValueError(f"groups and sitting are {self.groups:g} and {self.sitting:g}, need shares of at most 1 together")
         if self.glare and not self.facades:
             raise ValueError(f"glare is {self.glare:g} and facades is 0, needs the facades whose windows glare")
-        if not isinstance(self.robot, str):
-            raise ValueError(f"robot is {repr(self.robot)[:60]}, needs a text")
         if self.robot and {choice.source for choice in parse_robots(self.robot)} != {ROVER} and self.wheels:
             raise ValueError(f"wheels is {self.wheels:g} and robot is {self.robot[:60]!r}, but encoders are tables of rovers alone")
         _ = self.imu_steps, self.wheel_steps
@@ -180,11 +178,6 @@ class Scenario:
                     raise ValueError(f"clock names {name[:60]!r}, needs a robot or a camera, as robot_0, robot_0_camera or View_001")
 
     def _check_cameras(self) -> None:
-        if isinstance(self.effects, (list, tuple)) and all(isinstance(one, str) for one in self.effects):
-            object.__setattr__(self, "effects", ",".join(self.effects))
-        for name in ("camera", "view_camera", "effects"):
-            if not isinstance(getattr(self, name), str):
-                raise ValueError(f"{name} is {repr(getattr(self, name))[:60]}, needs a text")
         if self.camera.strip() == EQUIRECTANGULAR:
             object.__setattr__(self, "camera", "")
         for text, width in ((self.camera, self.width), (self.view_camera, self.view_width)):
