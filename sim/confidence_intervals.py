@@ -26,6 +26,7 @@ _BOUNDS: dict[str, Bounds] = (
     | dict.fromkeys(("efficiency", "clique_gap", "gospa", "misses", "false_positives", "switches", "truths"), AT_LEAST_ZERO)
     | dict.fromkeys(("collisions", "near_misses", "tip_overs", "energy", "way_m", "act_ms"), AT_LEAST_ZERO)
 )
+CONFIDENCE = 0.95
 FEWEST_RESAMPLED = 6
 """Values from which the bootstrap is used. Five values have too few distinct resamples for a coverage near 95 %."""
 RESAMPLES = 4999
@@ -72,7 +73,7 @@ class Interval:
         return "higher" if self.low > 0 else "lower" if self.high < 0 else "no difference seen"
 
 
-def mean_interval(values: Sequence[float], confidence: float = 0.95, bounds: Bounds = UNBOUNDED) -> Interval:
+def mean_interval(values: Sequence[float], bounds: Bounds = UNBOUNDED) -> Interval:
     """The mean of independent values with a confidence interval that stays within the range of the figure.
 
     Six values or more: a BCa bootstrap interval (Efron 1987), with the tails widened for small samples as Hesterberg (2015, section 3.4)
@@ -88,13 +89,13 @@ def mean_interval(values: Sequence[float], confidence: float = 0.95, bounds: Bou
     """
     array = _checked(values)
     if len(array) < FEWEST_RESAMPLED or array.min() == array.max():
-        return student_interval(values, confidence, bounds)
+        return student_interval(values, bounds=bounds)
     # Sorted: the resamples are drawn by index, and the order of the values must not matter.
-    low, high = _bootstrap(np.sort(array), confidence)
+    low, high = _bootstrap(np.sort(array))
     return _around(array, low, high)
 
 
-def student_interval(values: Sequence[float], confidence: float = 0.95, bounds: Bounds = UNBOUNDED) -> Interval:
+def student_interval(values: Sequence[float], confidence: float = CONFIDENCE, bounds: Bounds = UNBOUNDED) -> Interval:
     """Student's t interval of the mean, mean ± t(n − 1) · s / √n, cut at `bounds`. One value has no interval.
 
     Raises ValueError where there is no value.
@@ -123,7 +124,7 @@ def one_more_interval(values: Sequence[float], bounds: Bounds = UNBOUNDED) -> In
     return Interval(mean, max(mean - wide, low), min(mean + wide, high), n)
 
 
-def paired(first: Mapping[int, float], second: Mapping[int, float], confidence: float = 0.95, bounds: Bounds = UNBOUNDED) -> Interval | None:
+def paired(first: Mapping[int, float], second: Mapping[int, float], confidence: float = CONFIDENCE, bounds: Bounds = UNBOUNDED) -> Interval | None:
     """The second less the first, seed by seed, over the seeds that both have. None where they share none.
 
     The interval is Student's t, cut at `bounds`. Differences of paired runs are nearly symmetric, so t covers 95 % of true differences from
@@ -146,10 +147,10 @@ def _around(array: NDArray[np.float64], low: float, high: float) -> Interval:
     return Interval(mean, min(low, mean), max(high, mean), len(array))
 
 
-def _bootstrap(array: NDArray[np.float64], confidence: float) -> tuple[float, float]:
+def _bootstrap(array: NDArray[np.float64]) -> tuple[float, float]:
     """Low and high of the BCa interval, or of the percentile interval where BCa is not a number."""
     n = len(array)
-    tail = float(stats.norm.cdf(np.sqrt(n / (n - 1)) * stats.t.ppf(0.5 - confidence / 2, n - 1)))
+    tail = float(stats.norm.cdf(np.sqrt(n / (n - 1)) * stats.t.ppf(0.5 - CONFIDENCE / 2, n - 1)))
     for method in ("BCa", "percentile"):
         # SciPy warns of a degenerate BCa, which the percentile interval then replaces.
         with np.errstate(all="ignore"), warnings.catch_warnings():

@@ -1,6 +1,6 @@
 """Errors of real cameras, each off by default: their text, `vignette=1.5,readout=0.02`, and what they do to an image.
 
-Effects of lens, sensor and compression have this order, in which light and data pass them:
+Effects of lens, sensor and compression act in the order in which light and data pass them:
 1. `drops` and 2. dust on the lens; 3. `chromatic_shift`, 4. `defocus` and 5. `vignette` of the lens; 6. the exposure of the sensor;
 7. `gain_noise` of the sensor; 8. `halos` of sharpening; 9. `jpeg`. Effects 1 to 7 act on linear light (H, W, 3) float32, 0 to 1, the others on
 counts (H, W, 3) uint8. Linear light and counts are related by the sRGB curve (IEC 61966-2-1).

@@ -146,14 +146,6 @@ def test_pairs_and_verdicts() -> None:
     assert paired(first, {7: 1.0}) is None
 
 
-@pytest.mark.parametrize("values", [[0.1, 0.4, 0.2], [0.1, 0.4, 0.2, 0.25, 0.3, 0.9, 0.35, 0.15]])
-def test_more_confidence_is_a_wider_interval(values: list[float]) -> None:
-    wide, narrow = mean_interval(values, 0.99), mean_interval(values)
-    assert wide.low is not None
-    assert narrow.low is not None
-    assert wide.low < narrow.low
-
-
 def test_bounds_of_differences() -> None:
     assert [difference_bounds_of(name) for name in ("idf1", "mota", "ate_m")] == [(-1.0, 1.0), (None, None), (None, None)]
     found = paired({0: 0.0, 1: 0.0}, {0: 0.9, 1: 0.5}, bounds=difference_bounds_of("idf1"))
