@@ -141,13 +141,14 @@ class Generate:
 
     def _cast(self) -> None:
         from sim.datasets.generation import SequenceTask
+        from sim.datasets.raycast_recording import write_raycast_recording
         from sim.recording.record import check_absent
         from tracker.sequence.writer import ImageForm
 
         if self.count != 1 or self.cluster or self.files != ImageFiles():
             raise ValueError("--no-render writes one recording without images, and takes no --count, --cluster or kinds of images")
         check_absent(self.out)
-        SequenceTask(self.out, self.preset, self._preset(), ImageForm()).cast()
+        write_raycast_recording(SequenceTask(self.out, self.preset, self._preset(), ImageForm()).simulated(), self.out)
         print(f"{self.out}: a recording without images (README.md in it); `pilsim track {self.out}` tracks it")
 
     def _given(self) -> dict[str, Any]:

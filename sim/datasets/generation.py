@@ -17,7 +17,6 @@ from pathlib import Path
 
 from sim.datasets.fixed_cameras import corner_cameras, place_cameras
 from sim.datasets.presets import Preset, confine, provenance
-from sim.datasets.raycast_recording import write_raycast_recording
 from sim.parallel.pool import Pool, cluster, drawing_alone, usable_cores
 from sim.recording.drawing import DrawingWorkers, drawing_workers
 from sim.recording.frame_journal import NAME as JOURNAL
@@ -51,10 +50,6 @@ class SequenceTask:
     form: ImageForm
     workers: int = 1
     cluster: str | None = None
-
-    def cast(self) -> None:
-        """Write a recording by ray casting in place of the sequence. Raises ValueError as `run`."""
-        write_raycast_recording(self.simulated(), self.folder)
 
     @property
     def complete(self) -> bool:

@@ -5,8 +5,9 @@ A batch depends on the seed and its number alone, so that any number of processe
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -36,17 +37,6 @@ FILLED = 0.4
 """Share of its box that a body fills."""
 HIDDEN_SHARE, SCREEN_SHARE = 0.35, 0.1
 """Shares of crops in which something hides a part of a body, and of those with a screen or a picture that shows another image."""
-
-
-@dataclass(frozen=True, eq=False)
-class CropBatch:
-    """picture (b, S, S, 3) uint8 RGB, and the targets of each crop, stacked: heat, counted, edges, weight as in Targets."""
-
-    picture: NDArray[np.uint8]
-    heat: NDArray[np.float32]
-    counted: NDArray[np.float32]
-    edges: NDArray[np.float32]
-    weight: NDArray[np.float32]
 
 
 @dataclass(eq=False)
@@ -103,14 +93,13 @@ class CropSampler:
     pinholes: list[ImageSet]
     seed: int
 
-    def batch(self, number: int) -> CropBatch:
-        """The batch of that number."""
+    def batch(self, number: int) -> dict[str, NDArray[Any]]:
+        """The batch of that number: picture (b, S, S, 3) uint8 RGB, and the targets of each crop, stacked under the names of Targets."""
         rng = np.random.default_rng([self.seed, 2, number])
         size, count, heights = SIZES[number % len(SIZES)]
         made = [self._sample(rng, size, heights) for _ in range(count)]
-        pictures, targets = np.stack([picture for picture, _ in made]), [target for _, target in made]
-        stacked = {name: np.stack([getattr(target, name) for target in targets]) for name in ("heat", "counted", "edges", "weight")}
-        return CropBatch(pictures, **stacked)
+        stacked = {field.name: np.stack([getattr(target, field.name) for _, target in made]) for field in fields(Targets)}
+        return {"picture": np.stack([picture for picture, _ in made])} | stacked
 
     def _sample(self, rng: np.random.Generator, size: int, heights: tuple[float, float]) -> tuple[Picture, Targets]:
         crop = self._crop(rng, size, heights)

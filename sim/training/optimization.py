@@ -19,7 +19,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from sim.training.augmentation import CropBatch, CropSampler
+from sim.training.augmentation import CropSampler
 from sim.training.network import PersonNetwork
 from sim.training.onnx_model import take_weights
 from tracker.io.atomic import new_file
@@ -33,7 +33,7 @@ SPREAD_WEIGHT = 0.05
 
 
 def detection_loss(outputs: tuple[Tensor, Tensor, Tensor], targets: dict[str, Tensor]) -> dict[str, Tensor]:
-    """Parts of the loss, to be summed: scores, overlap, logarithm and spread. targets: as in CropBatch, with the same names."""
+    """Parts of the loss, to be summed: scores, overlap, logarithm and spread. targets: stacked, under the names of Targets."""
     scores, edges, spread = (output.float() for output in outputs)
     heat, counted, weight = targets["heat"], targets["counted"], targets["weight"]
     centre = (heat == 1).float() * weight
@@ -76,7 +76,6 @@ SAVED_EVERY, ROW_EVERY = 250, 50
 """Steps between checkpoints, and between rows of the curve."""
 PARTS = ("scores", "overlap", "logarithm", "spread")
 CHECKPOINT, CURVE = "checkpoint.pt", "curve.csv"
-TARGETS = ("heat", "counted", "edges", "weight")
 
 
 @dataclass(eq=False)
@@ -125,8 +124,7 @@ class _Batches(torch.utils.data.Dataset):
         self._sampler = sampler
 
     def __getitem__(self, number: int) -> dict[str, Tensor]:
-        batch: CropBatch = self._sampler.batch(number)
-        return {name: torch.from_numpy(getattr(batch, name)) for name in ("picture", *TARGETS)}
+        return {name: torch.from_numpy(values) for name, values in self._sampler.batch(number).items()}
 
 
 def optimize(sampler: CropSampler, steps: int, folder: Path, workers: int, start: Path | None = None) -> nn.Module:
@@ -139,7 +137,7 @@ def optimize(sampler: CropSampler, steps: int, folder: Path, workers: int, start
     file = folder / CHECKPOINT
     state = TrainingState.read(file, sampler.seed) if file.exists() else TrainingState.new(sampler.seed)
     if start is not None and not file.exists():
-        take_weights(state.network, start, (sampler.batch(steps + k).picture for k in range(START_BATCHES)))
+        take_weights(state.network, start, (sampler.batch(steps + k)["picture"] for k in range(START_BATCHES)))
         state.average = copy.deepcopy(state.network)
     largest = RATE if start is None else TUNING_RATE
     state.network.train()
@@ -189,7 +187,7 @@ def _step(state: TrainingState, batch: dict[str, Tensor], rate: float) -> list[f
     picture = batch["picture"].permute(0, 3, 1, 2).float().div(255.0)
     with torch.autocast("cpu", torch.bfloat16):
         outputs = state.network(picture)
-    parts = detection_loss(outputs, {name: batch[name] for name in TARGETS})
+    parts = detection_loss(outputs, batch)
     state.optimizer.zero_grad()
     torch.stack(list(parts.values())).sum().backward()
     nn.utils.clip_grad_norm_(state.network.parameters(), LARGEST_GRADIENT)

@@ -240,8 +240,3 @@ def scene_tasks(folder: Path, count: int, seed: int, size: dict[str, int] | None
     names = [*PLACES, *TWICE, *([meeting_room.NAME] * ROOMS if rich else [])]
     tasks = [SceneTask(folder / f"scene-{k:04d}", seed + k, names[k % len(names)], **(size or {}), plain=False, rich=rich) for k in range(count)]
     return [dataclasses.replace(task, pinholes=min(task.pinholes, ROOM_PINHOLES)) if task.world == meeting_room.NAME else task for task in tasks]
-
-
-def run_scene(task: SceneTask) -> None:
-    """Render a scene in a worker process."""
-    task.run()

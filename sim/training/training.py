@@ -18,7 +18,7 @@ import numpy as np
 from sim.parallel.pool import Pool
 from sim.training.augmentation import CropSampler
 from sim.training.evaluation import HEIGHTS, HEIGHTS_INDOORS, MIN_SCORE, Calibration, FoundImage, calibrate, feet_errors, figures, found_images
-from sim.training.scene_rendering import PANORAMAS, PINHOLES, PLACES, ROOMS, ImageSet, SceneTask, run_scene, scene_tasks
+from sim.training.scene_rendering import PANORAMAS, PINHOLES, PLACES, ROOMS, ImageSet, SceneTask, scene_tasks
 from tracker.io.atomic import write_text
 from tracker.io.file_lock import folder_lock
 from tracker.io.json_files import read_json
@@ -135,7 +135,7 @@ def _render(tasks: list[SceneTask], workers: int) -> None:
         return
     for folder in {task.folder.parent for task in missing}:
         folder.mkdir(parents=True, exist_ok=True)
-    done = Pool(workers).as_completed(run_scene, ((task,) for task in missing))
+    done = Pool(workers).as_completed(SceneTask.run, ((task,) for task in missing))
     for _ in progress_bar(done, total=len(missing), desc="scenes", unit="scene"):
         pass
 
@@ -156,7 +156,7 @@ def _trained(plan: TrainingPlan, folder: Path, tasks: dict[str, list[SceneTask]]
     data = {"images": pictures, "bodies": bodies, **plan.order}
     # The scores are not calibrated yet, but the graph is what will be shipped.
     model = folder / MODEL
-    export(network, model, (sampler.batch(plan.steps + k).picture for k in range(RANGE_BATCHES)))
+    export(network, model, (sampler.batch(plan.steps + k)["picture"] for k in range(RANGE_BATCHES)))
     describe(model, UNCALIBRATED)
     detector = PersonDetector(model)
     calibration = calibrate([image for kind in (PANORAMAS, PINHOLES) for image in _found(detector, tasks["calibration"], kind)])

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from sim.training.evaluation import HEIGHTS, SEEN
-from sim.training.scene_rendering import PANORAMAS, ImageSet, SceneTask, run_scene
+from sim.training.scene_rendering import PANORAMAS, ImageSet, SceneTask
 from sim.training.training import TrainingPlan
 from tracker.geometry import Array, Image
 from tracker.geometry.cameras import Panorama
@@ -73,7 +73,7 @@ def held_out_people(tasks: list[SceneTask], most: int) -> Iterator[Person]:
     """At most `most` people of the panoramas of scenes, which are rendered where they are not on disk; the same share of each scene."""
     for task in tasks:
         task.folder.parent.mkdir(parents=True, exist_ok=True)
-        run_scene(task)
+        task.run()
     scenes = [ImageSet.read(task.folder, PANORAMAS) for task in tasks]
     wanted = []
     for scene in scenes:

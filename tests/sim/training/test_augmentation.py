@@ -26,9 +26,9 @@ def test_batches_depend_on_seed_and_number_alone():
     images = [_images(320, 240, [(40, 60, 70, 150), (200, 80, 225, 140)])]
     first, again = CropSampler([], images, 0), CropSampler([], images, 0)
     again.batch(1)
-    np.testing.assert_array_equal(first.batch(0).picture, again.batch(0).picture)
-    np.testing.assert_array_equal(first.batch(0).edges, again.batch(0).edges)
-    assert (first.batch(1).picture != first.batch(0).picture).any()
+    np.testing.assert_array_equal(first.batch(0)["picture"], again.batch(0)["picture"])
+    np.testing.assert_array_equal(first.batch(0)["edges"], again.batch(0)["edges"])
+    assert (first.batch(1)["picture"] != first.batch(0)["picture"]).any()
 
 
 @pytest.mark.parametrize("wraps", [False, True])
