@@ -31,11 +31,9 @@ from tracker.formats.opening import open_recording, say_suspicion
 from tracker.formats.source_options import SourceOptions
 from tracker.io.json_files import JsonObject, read_json
 from tracker.metrics.clear_mot import score
-from tracker.metrics.evaluation import matching_frames
 from tracker.recordings import Recording
 from tracker.sequence.writer import ImageForm
 from tracker.types import Setup, Tick, Truth
-from tracker.types.truth import evaluated_people
 
 SCHEMA = 1
 FIGURES = ("mota", "idf1", "hota", "misses", "false_positives", "switches", "motp_m", "truths")
@@ -248,22 +246,11 @@ class FittedViews:
     shared: SharedErrors | None = None
 
 
-def parse_frames(text: str, option: str) -> Frames:
-    """Parse A:B, frames counted from 0, B left out of them. Raises ValueError that names the option."""
-    first, colon, end = text.partition(":")
-    try:
-        frames = int(first or 0), int(end)
-    except ValueError:
-        frames = -1, -1
-    if not colon or not 0 <= frames[0] < frames[1]:
-        raise ValueError(f"{option} is {text!r}, needs FIRST:END as in 0:130, counted from 0, END left out of them")
-    return frames
-
-
-def open_halves(path: Path, options: SourceOptions, fit_frames: Frames | None = None, fitted: bool = True) -> Halves:
+def open_halves(path: Path, options: SourceOptions, fit_frames: tuple[int, int | None] | None = None, fitted: bool = True) -> Halves:
     """Open a recording with truth in two parts.
 
-    fit_frames: of the fit, None for the first half; what follows is tried, or what comes before where nothing follows.
+    fit_frames: of the fit, None for the first half. Without an end, they are all that follow the first one.
+    What follows them is tried, or what comes before where nothing follows.
     fitted: False leaves the fit out, and all frames are tried.
     Raises ValueError, with the path, for a recording without truth, for cameras on robots, and for parts that are not there.
     """
@@ -277,7 +264,7 @@ def open_halves(path: Path, options: SourceOptions, fit_frames: Frames | None = 
         return Halves(None, _source(path, whole), None, (first, first + total), real)
     if not real:
         raise ValueError(f"{path}: has no detections, which a fit needs; --detector-model names a detector to predict with")
-    begin, end = (0, total // 2) if fit_frames is None else (fit_frames[0] - first, min(fit_frames[1] - first, total))
+    begin, end = (0, total // 2) if fit_frames is None else (fit_frames[0] - first, min((fit_frames[1] or first + total) - first, total))
     rest = (end, total) if total - end >= LEAST_FRAMES else (0, begin)
     for name, part in (("--fit", (begin, end)), ("the part that is tried", rest)):
         if part[0] < 0 or part[1] - part[0] < LEAST_FRAMES:
@@ -344,11 +331,10 @@ def _tracked(setup: Setup, ticks: list[Tick], truth: tuple[Truth, ...], by: tupl
     """Track ticks and score them. by: the tracker, and the name of the run."""
     tracker, run = by
     results = tracker.results_of(setup, ticks, run)
-    people = {t.index: (t.person_id, t.feet) for t in truth}
-    found: dict[str, Any] = score(matching_frames(people, results.tracks, evaluated_people(truth, setup.period))).to_dict()
-    figures = {name: float("nan") if found[name] is None else float(found[name]) for name in FIGURES}
     case = Case("prediction", "prediction", "seed", run, default_scenario(), source=RECORDED)
     data = TrialData(case, setup, ticks, truth, [{} for _ in ticks], setup, ticks, {})
+    found: dict[str, Any] = score(data.matching_frames(results)).to_dict()
+    figures = {name: float("nan") if found[name] is None else float(found[name]) for name in FIGURES}
     return Outcome(figures, count_causes(find_mistakes(gather_evidence(data, results))))
 
 
@@ -365,7 +351,7 @@ class PredictionPlan:
     options: SourceOptions
     tracker: TrackerUnderTest
     detectors: Mapping[str, str] = field(default_factory=lambda: {FITTED: FITTED})
-    fit_frames: Frames | None = None
+    fit_frames: tuple[int, int | None] | None = None
     seeds: tuple[int, ...] = tuple(range(5))
     place: Preset | None = None
 
@@ -381,27 +367,26 @@ def predict(plan: PredictionPlan, pool: Pool | None = None, progress: Progress |
     if plan.place is not None:
         return _predict_place(plan, plan.place, pool, progress)
     halves = open_halves(plan.path, plan.options, plan.fit_frames, FITTED in plan.detectors.values())
-    calls, names = list[tuple[Source, FittedViews | None, TrackerUnderTest, int]](), list[str]()
+    calls = list[tuple[Source, FittedViews | None, TrackerUnderTest, int]]()
     errors: dict[str, Any] | None = None
-    for name, choice in plan.detectors.items():
+    for choice in plan.detectors.values():
         models = _models(choice, halves, plan.path)
         errors = errors or (None if models.shared is None else models.shared.to_dict())
         calls += [(halves.tried, models, plan.tracker, seed) for seed in plan.seeds]
-        names += [name] * len(plan.seeds)
     if halves.real:
         calls.append((halves.tried, None, plan.tracker, 0))
     found = _run(_outcome, calls, pool, progress)
-    forecasts = _forecasts(plan, found, names)
     persons = {int(person) for ids, _ in (halves.tried.recording.truth or {}).values() for person in ids}
     cameras = tuple(halves.tried.recording.detections) or tuple(halves.tried.recording.cameras)
-    return Prediction(forecasts, found[-1] if halves.real else None, halves.fit_frames, halves.try_frames, len(persons), cameras, errors)
+    return Prediction(
+        _forecasts(plan, found), found[-1] if halves.real else None, halves.fit_frames, halves.try_frames, len(persons), cameras, errors
+    )
 
 
 def _predict_place(plan: PredictionPlan, place: Preset, pool: Pool | None, progress: Progress | None) -> Prediction:
     calls = [(place, choice, plan.tracker, seed) for choice in plan.detectors.values() for seed in plan.seeds]
     found = _run(_place_outcome, calls, pool, progress)
-    names = [name for name in plan.detectors for _ in plan.seeds]
-    forecasts = _forecasts(plan, [one for one, _ in found], names)
+    forecasts = _forecasts(plan, [one for one, _ in found])
     return Prediction(forecasts, None, None, (0, place.scenario.frames), place.scenario.people, found[0][1])
 
 
@@ -421,8 +406,10 @@ def _run(function: Callable[..., Any], calls: list[Any], pool: Pool | None, prog
     return list(done if progress is None else progress(done, total=len(calls)))
 
 
-def _forecasts(plan: PredictionPlan, found: list[Outcome], names: list[str]) -> dict[str, Forecast]:
-    return {name: Forecast.of([one for one, other in zip(found, names, strict=False) if other == name]) for name in plan.detectors}
+def _forecasts(plan: PredictionPlan, found: list[Outcome]) -> dict[str, Forecast]:
+    """By detector, of the outcomes of all seeds of the first one, then of the next."""
+    n = len(plan.seeds)
+    return {name: Forecast.of(found[k * n : (k + 1) * n]) for k, name in enumerate(plan.detectors)}
 
 
 def _models(choice: str, halves: Halves, path: Path) -> FittedViews:

@@ -102,8 +102,9 @@ class Predict:
         return command_line(self, ("out", "json", "workers"), repeated=("detections",))
 
     def _plan(self) -> PredictionPlan:
-        from sim.prediction import FITTED, PredictionPlan, parse_frames
+        from sim.prediction import FITTED, PredictionPlan
         from tracker.detector_models.model import INDEPENDENT, chosen_model
+        from tracker.formats.source_options import parse_frames
 
         if self.fit and self.detector_model:
             raise ValueError("--fit and --detector-model exclude each other: the detector is fitted, or named")
@@ -124,7 +125,6 @@ class Predict:
     def _place(self) -> Preset | None:
         """The place, its people, cameras and robots; None for a recording. Raises ValueError where it is not one of both."""
         from sim.datasets.presets import preset_of
-        from sim.prediction import parse_frames
 
         changes = given(self.scene) | ({} if self.fixed_cameras is None else {"views": self.fixed_cameras})
         if (self.source is None) == (self.scene.world is None) or (self.source is not None and changes):
@@ -133,8 +133,8 @@ class Predict:
             return None
         if self.fit or replace(self.part, frames="") != SourceChoice():
             raise ValueError(f"{self.scene.world}: --fit and the choice of data are for recordings; a place takes --frames 0:END")
-        first, end = parse_frames(self.part.frames or "0:60", "--frames")
-        if first:
+        first, end = self.part.options(images=False).frames or (0, 60)
+        if first or end is None:
             raise ValueError(f"--frames is {self.part.frames}, needs 0:END of a place")
         robots = self.scene.robots or 0
         return preset_of("pilsun", {"robots": robots, "views": 0 if robots else 4} | changes | {"frames": end, "width": 512})

@@ -56,7 +56,7 @@ class SourceOptions:
             raise ValueError("--detections and --project exclude each other: boxes are read, or projected from the truth")
         if pixels and (given or noise is not None or degrade):
             raise ValueError("--detector pixels finds the boxes in images, and excludes --detections, --project and --degrade")
-        read = _names(cameras), _files(given), _slice(frames)
+        read = _names(cameras), _files(given), parse_frames(frames) if frames else None
         return SourceOptions(*read, Degradation.parse(degrade), seed, images or pixels, noise, pixels, offsets)
 
     def to_run(self) -> dict[str, Any]:
@@ -130,16 +130,15 @@ def _files(texts: Iterable[str]) -> dict[str, Path]:
     return files
 
 
-def _slice(text: str) -> tuple[int, int | None] | None:
-    if not text:
-        return None
+def parse_frames(text: str, option: str = "--frames") -> tuple[int, int | None]:
+    """The first frame and the end, left out of them, of A:B or A:, counted from 0. Raises ValueError that names the option."""
     first, colon, end = text.partition(":")
     try:
         cut = int(first or 0), int(end) if end else None
     except ValueError:
         cut = -1, None
     if not colon or cut[0] < 0 or (cut[1] is not None and cut[1] <= cut[0]):
-        raise ValueError(f"--frames is {text!r}, needs FIRST:END as in 0:100, counted from 0, END left out of them")
+        raise ValueError(f"{option} is {text!r}, needs FIRST:END as in 0:100, counted from 0, END left out of them")
     return cut
 
 
