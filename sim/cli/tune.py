@@ -10,6 +10,7 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from sim.cli.options import Out, json_text, unset
 from sim.cli.track import SourcePart
+from tracker.options import Least
 
 if TYPE_CHECKING:
     from sim.tuning.search import SearchPlan
@@ -48,13 +49,13 @@ class Tune:
     """The mean of this figure over the cases is maximized; with -worst, half of it is the mean of the worst tenth."""
     sampler: Literal["tpe", "cmaes"] = "tpe"
     """Sampler of Optuna: tree-structured Parzen estimator, or CMA-ES."""
-    population: int = 200
+    population: Annotated[int, Least(2)] = 200
     """Number of cases of the search."""
-    held_out: int = 100
+    held_out: Annotated[int, Least(0)] = 100
     """Number of other cases on which the best and the default parameters are compared; 0 for none."""
-    seed: int = 0
+    seed: Annotated[int, Least(0)] = 0
     """Seed of the cases and of the sampler."""
-    trials: Annotated[int | None, unset("INT", "100 without --time")] = None
+    trials: Annotated[int | None, Least(1), unset("INT", "100 without --time")] = None
     """Number of trials, those of earlier runs included."""
     time: Annotated[float | None, unset("MINUTES", "no limit")] = None
     """Time of the search, without that of drawing cases and of trying the best parameters."""
@@ -62,7 +63,7 @@ class Tune:
     """Mean number of people at once before the cameras of SOURCE."""
     cases: Annotated[Path | None, unset("DIR", "in --out")] = None
     """Folder of the cases, which several searches may share."""
-    workers: Annotated[int, arg(metavar="INT")] = 1
+    workers: Annotated[int, Least(1)] = 1
     """Number of processes. With one, a search gives the same trials again."""
     cluster: Annotated[str | None, unset("ADDRESS", "this machine alone")] = None
     """Address of a Dask scheduler, as tcp://10.0.0.1:8786, in place of this machine; its workers must see the folders under the same paths."""
@@ -94,9 +95,6 @@ class Tune:
         from sim.tuning.search import SearchPlan
         from sim.tuning.space import OWN_SPACE, function_defaults, own_defaults, read_space
 
-        for name, least in (("population", 2), ("held_out", 0), ("seed", 0), ("trials", 1), ("workers", 1)):
-            if (value := getattr(self, name)) is not None and value < least:
-                raise ValueError(f"--{name.replace('_', '-')} is {value}, needs at least {least}")
         if self.time is not None and not 0 < self.time < 1e6:
             raise ValueError(f"--time is {self.time}, needs minutes, more than 0")
         if self.tracker and self.space is None:
