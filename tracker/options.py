@@ -43,7 +43,7 @@ class Least:
 
     def check(self, flag: str, value: float) -> None:
         """Raises ValueError for a value out of bounds."""
-        if value < self.value or (self.above and value == self.value):
+        if not value >= self.value or (self.above and value == self.value):
             raise ValueError(f"{flag} is {value}, needs {'more than' if self.above else 'at least'} {self.value:g}")
 
 

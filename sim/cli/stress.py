@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import OmitArgPrefixes, UseAppendAction, arg
 
 from sim.cli.options import USUAL, BoxOptions, SceneOptions, changed_options, command_line, given, json_text, unset
-from tracker.options import OPTIONS, FilterOptions, Least, PeopleOptions, parameters_from
+from tracker.options import OPTIONS, POSITIVE, FilterOptions, Least, PeopleOptions, parameters_from
 
 if TYPE_CHECKING:
     from sim.stress.runner import Trial
@@ -62,7 +62,7 @@ class MachineOptions:
 
     cluster: Annotated[str | None, unset("ADDRESS", "this machine alone")] = None
     """Address of a Dask scheduler, as tcp://10.0.0.1:8786, in place of this machine; its workers must see DIR under the same path."""
-    limit: float = 1800.0
+    limit: Annotated[float, POSITIVE] = 1800.0
     """Time limit of a run, s."""
 
 
@@ -125,7 +125,8 @@ class Stress:
     def run(self) -> None:
         from functools import partial
 
-        from sim.stress.runner import Workers, run_trials
+        from sim.parallel.pool import Pool
+        from sim.stress.runner import run_trials
         from sim.stress.sweeps import SATURATED, saturated
         from tracker.io.progress import progress_bar
         from worlds.catalogue import check_name
@@ -137,8 +138,8 @@ class Stress:
             raise ValueError("--out is missing, needs a folder for the results")
         check_name(self.scene.world or "", "--world")
         self._check_detector()
-        workers, trials = Workers(self.workers, self.machine.cluster, self.machine.limit), self._trials()
-        rows = run_trials(trials, self.out, workers, self._command(), partial(progress_bar, desc="runs", unit="run", smoothing=0.1))
+        pool, progress = Pool(self.workers, self.machine.cluster), partial(progress_bar, desc="runs", unit="run", smoothing=0.1)
+        rows = run_trials(self._trials(), self.out, self._command(), pool, self.machine.limit, progress)
         if self.json:
             for row in rows:
                 print(json_text(row))

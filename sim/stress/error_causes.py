@@ -1,6 +1,6 @@
 """Error diagnosis: each miss, false positive and identity switch that the score counts, with one cause each.
 
-Matches are those of the score itself (tracker/metrics/matching.py), so that the counts of causes add up to the counts of the score.
+Matches are those of the score itself (tracker/metrics/clear_mot.py), so that the counts of causes add up to the counts of the score.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ import numpy as np
 from sim.stress.trial_data import TrialData
 from tracker.detections.ground_points import FusionParameters, project_to_ground
 from tracker.geometry import Array, Ints, Pose
-from tracker.metrics.matching import Comparison, Matches, MatchingFrame, compare, match_frames, planar_distance, without_ignored
+from tracker.metrics.clear_mot import GATE, match_on_ground
+from tracker.metrics.matching import planar_distance
 from tracker.sequence.results import Results
 from tracker.types import Tick, View
 from tracker.types.truth import VISIBLE_FRACTION
@@ -24,8 +25,6 @@ FALSE_POSITIVES = ("clutter", "duplicate", "coasting", "misplaced", "pose error"
 SWITCHES = ("wrong association", "after occlusion", "after detector misses", "pose error", "new track")
 CAUSES = {"misses": MISSES, "false positives": FALSE_POSITIVES, "switches": SWITCHES}
 
-MATCH_DISTANCE = 1.0
-"""Largest distance of a match, m, as in tracker.metrics.clear_mot.score."""
 POSE_ERROR = 0.5
 """m: pose errors are the cause where they shift a person by more than this in each view that detected the person."""
 MISPLACED = 2.5
@@ -83,7 +82,7 @@ class TrialEvidence:
 def gather_evidence(data: TrialData, results: Results) -> TrialEvidence:
     """Collect truth, detections and tracks of each frame."""
     frames = data.matching_frames(results)
-    scored, matches = match_tracks(frames)
+    scored, matches = match_on_ground(frames)
     truths, tracks = _ids([f.truth_id for f in frames]), _ids([f.estimate_id for f in frames])
     out = []
     for k, (frame, pairing, (rows, columns)) in enumerate(zip(frames, scored.frames, matches, strict=True)):
@@ -106,17 +105,6 @@ def gather_evidence(data: TrialData, results: Results) -> TrialEvidence:
             )
         )
     return TrialEvidence(tuple(out), data.setup.period)
-
-
-def match_tracks(frames: Sequence[MatchingFrame]) -> tuple[Comparison, Matches]:
-    """Distances without persons and tracks that do not count, and matches, as in tracker.metrics.clear_mot.score."""
-
-    def similarity(distance: Array) -> Array:
-        return np.maximum(0.0, 1 - distance / (2 * MATCH_DISTANCE))
-
-    values = compare(frames, planar_distance)
-    values = without_ignored(frames, values, match_frames(values.mapped(similarity), 0.5))
-    return values, match_frames(values.mapped(similarity), 0.5)
 
 
 def _ids(columns: list[Ints]) -> Ints:
@@ -149,7 +137,7 @@ def _cameras_by_person(data: TrialData, tick: Tick, k: int) -> dict[int, list[st
 
 
 def _persons_by_distance(data: TrialData, view: View, k: int) -> Ints:
-    """(n,) the person nearest to the ground point of each box, 0 beyond MATCH_DISTANCE.
+    """(n,) the person nearest to the ground point of each box, 0 beyond GATE.
 
     For real sequences of fixed cameras, whose boxes have no known persons.
     """
@@ -159,7 +147,7 @@ def _persons_by_distance(data: TrialData, view: View, k: int) -> Ints:
     fusion = FusionParameters().over(data.setup)
     ground = project_to_ground(data.setup, view.camera, view.detections, (start.T_world_robot, start.covariance), fusion)
     distance = planar_distance(ground.point, truth.feet)
-    return np.where(ground.grounded & (distance.min(axis=1) < MATCH_DISTANCE), truth.person_id[distance.argmin(axis=1)], 0)
+    return np.where(ground.grounded & (distance.min(axis=1) < GATE), truth.person_id[distance.argmin(axis=1)], 0)
 
 
 def _shifts(data: TrialData, results: Results, k: int, seen_by: dict[int, list[str]]) -> dict[int, float]:
@@ -216,7 +204,7 @@ def _why_missed(now: FrameEvidence, person: int, known: bool) -> str:
         return "detector missed"
     if now.shift.get(person, 0.0) > POSE_ERROR:
         return "pose error"
-    near = planar_distance(now.feet[row : row + 1], now.place)[0] < MATCH_DISTANCE if len(now.place) else np.zeros(0, dtype=bool)
+    near = planar_distance(now.feet[row : row + 1], now.place)[0] < GATE if len(now.place) else np.zeros(0, dtype=bool)
     others = set(now.track[near].tolist()) - now.false
     return "merged" if others else "gated out" if known else "not yet believed"
 
@@ -225,7 +213,7 @@ def _why_false(now: FrameEvidence, place: Array, owner: tuple[int, int] | None, 
     distance = planar_distance(place[None], now.feet)[0] if len(now.feet) else np.zeros(0)
     nearest = int(np.argmin(distance)) if len(distance) else -1
     person = int(now.person[nearest]) if len(distance) else 0
-    if len(distance) and distance[nearest] < MATCH_DISTANCE and person not in now.missed:
+    if len(distance) and distance[nearest] < GATE and person not in now.missed:
         return "duplicate"
     if len(distance) and distance[nearest] < MISPLACED and person in now.missed:
         return "pose error" if now.shift.get(person, 0.0) > POSE_ERROR else "misplaced"

@@ -39,6 +39,8 @@ from tracker.types import Sequence
 ROBOTS = ("ate_aligned_m", "rpe_m", "rpe_between_m", "nees_per_dof")
 TARGETS = ("mota", "idf1", "hota", "motp_m", "false_positives", "misses", "switches", "truths")
 RUN = "run.json"
+LIMIT = 1800.0
+"""Time limit of a trial, s, where none is given."""
 Key = tuple[str, int, str]
 
 
@@ -162,34 +164,13 @@ def trial_scores(data: TrialData, results: Results) -> dict[str, Any]:
     return out | {name: robots.get(name) for name in ROBOTS} | (bounds.map_score(data, results) or dict.fromkeys(MEASURES))
 
 
-@dataclass(frozen=True)
-class Workers:
-    """Where trials run. workers, cluster: as in Pool. limit: time limit of a trial, s.
-
-    Raises ValueError for values out of bounds.
-    """
-
-    workers: int = 1
-    cluster: str | None = None
-    limit: float = 1800.0
-
-    def __post_init__(self) -> None:
-        _ = self.pool  # Pool checks the number.
-        if not self.limit > 0:
-            raise ValueError(f"--limit is {self.limit} s, needs more than 0")
-
-    @property
-    def pool(self) -> Pool:
-        """The pool of threads or of a cluster."""
-        return Pool(self.workers, self.cluster)
-
-
 def run_trials(
-    trials: Iterable[Trial], folder: Path, workers: Workers, command: str, progress: Callable[..., Any] | None = None
+    trials: Iterable[Trial], folder: Path, command: str, pool: Pool | None = None, limit: float = LIMIT, progress: Callable[..., Any] | None = None
 ) -> list[dict[str, Any]]:
     """Run trials into a folder, and return all of its rows. Trials with a row without an error are not run again.
 
-    command: the command line, for run.json. progress: wraps the rows as they come, like tqdm. Raises ValueError where the folder is a file, holds
+    command: the command line, for run.json. pool: where trials run, None for one after another. limit: of the time of a trial, s.
+    progress: wraps the rows as they come, like tqdm. Raises ValueError where the folder is a file, holds
     something else or results of another version, and where another process writes into it.
     """
     with _locked(folder):
@@ -201,7 +182,8 @@ def run_trials(
         _write_run(folder, command)
         # Failed trials are tried again. Kept rows are rewritten, which removes a line that was cut off.
         _write_rows(folder, [row for key, row in rows.items() if key in done])
-        made = _run(todo, workers)
+        # Each thread waits for a process of its own, which does the work. Rows come in the order in which trials end.
+        made = (pool or Pool()).as_completed(_row, ((trial, limit) for trial in todo), threads=True) if todo else iter(())
         shown = progress(made, total=len(todo)) if progress else made
         with (folder / RESULTS).open("a", encoding="utf-8") as file:
             for row in shown:
@@ -232,15 +214,6 @@ def _is_complete(folder: Path, row: dict[str, Any], trial: Trial) -> bool:
 def _order(key: Key) -> tuple[str, int, int, str]:
     name, _, number = key[0].partition("/")
     return name, int(number) if number.isdecimal() else 0, key[1], key[2]
-
-
-def _run(trials: list[Trial], workers: Workers) -> Iterator[dict[str, Any]]:
-    """Rows in the order in which trials end."""
-    if not trials:
-        return
-    calls = ((trial, workers.limit) for trial in trials)
-    # Each thread waits for a process of its own, which does the work.
-    yield from workers.pool.as_completed(_row, calls, threads=True)
 
 
 def _row(trial: Trial, limit: float) -> dict[str, Any]:
@@ -292,21 +265,16 @@ _workers: dict[tuple[int, float], Worker] = {}
 """The process of each thread and time limit."""
 
 
-def close_workers() -> None:
-    """End all processes of trials."""
-    for worker in _workers.values():
-        worker.close()
-    _workers.clear()
-
-
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """Lock a folder against other processes that write rows."""
+    """Lock a folder against other processes that write rows, and end all processes of trials at the end."""
     with folder_lock(folder):
         try:
             yield
         finally:
-            close_workers()
+            for worker in _workers.values():
+                worker.close()
+            _workers.clear()
 
 
 def _read_rows(folder: Path) -> list[dict[str, Any]]:

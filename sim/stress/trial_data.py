@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,11 +18,13 @@ from sim.recording.record import SimulatedSequence, rendered_frames
 from sim.recording.tracker_setup import make_setup, told_setup
 from sim.sensors.raycast_camera import RaycastCamera
 from sim.stress.sweeps import OWN_GOALS, RECORDED, ROOM, Case
+from tracker.detections.boxes import detections_from_boxes
 from tracker.formats.opening import open_recording, open_sequence
 from tracker.formats.pets2009 import PETS_AREA, PETS_VIEWS
 from tracker.formats.source_options import SourceOptions
-from tracker.geometry import Array, Ints, Mask, angles_from_bearing, wrap
+from tracker.geometry import Array, Ints, angles_from_bearing, wrap
 from tracker.geometry.cameras import Camera
+from tracker.metrics.evaluation import matching_frames
 from tracker.metrics.matching import MatchingFrame
 from tracker.person_detector.detected_ticks import sites_of, with_found_people
 from tracker.person_detector.detector import PersonDetector
@@ -60,10 +61,8 @@ class TrialData:
 
     def matching_frames(self, results: Results, everybody: bool = False) -> list[MatchingFrame]:
         """People and tracks of each frame; those of whom no view showed anything lately do not count, unless everybody does."""
-        nobody = (np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
-        counts: Iterable[Mask | None] = itertools.repeat(None) if everybody else evaluated_people(self.truth, self.setup.period)
-        tracks = (results.tracks.get(t.index, nobody) for t in self.truth)
-        return [MatchingFrame(t.person_id, t.feet, *found, counts=c) for t, found, c in zip(self.truth, tracks, counts, strict=False)]
+        people = {t.index: (t.person_id, t.feet) for t in self.truth}
+        return matching_frames(people, results.tracks, None if everybody else evaluated_people(self.truth, self.setup.period))
 
     def in_memory(self) -> TicksInMemory:
         """The ticks that the tracker gets."""
@@ -175,8 +174,10 @@ def match_persons(detections: Detections, camera: Camera, boxes: Boxes) -> Ints:
     shown = boxes.seen[:, 2] > boxes.seen[:, 0]
     if not len(detections) or not shown.any():
         return out
-    azimuth, elevation, span, height = _angles(camera, boxes.seen[shown])
-    seen_azimuth, seen_elevation = angles_from_bearing(detections.bearing)
+    edges = boxes.seen[shown] - (0.5 - camera.pixel_centre)
+    true = detections_from_boxes(camera, np.concatenate([edges[:, :2], edges[:, 2:] - edges[:, :2]], axis=1), np.ones(len(edges)))
+    (azimuth, elevation), (seen_azimuth, seen_elevation) = angles_from_bearing(true.bearing), angles_from_bearing(detections.bearing)
+    span, height = true.extent.T
     aside = np.abs(wrap(seen_azimuth[:, None] - azimuth))
     low = np.abs((seen_elevation - detections.extent[:, 1] / 2)[:, None] - (elevation - height / 2))
     high = np.abs((seen_elevation + detections.extent[:, 1] / 2)[:, None] - (elevation + height / 2))
@@ -188,21 +189,3 @@ def match_persons(detections: Detections, camera: Camera, boxes: Boxes) -> Ints:
     good = allowed[rows, columns]
     out[rows[good]] = boxes.person[shown][columns[good]]
     return out
-
-
-def _angles(camera: Camera, boxes: Array) -> tuple[Array, Array, Array, Array]:
-    """Azimuth and elevation of the middle, width and height, each (n,) rad, of boxes (n, 4) left, top, right, bottom px."""
-    left, top, right, bottom = boxes.T - (0.5 - camera.pixel_centre)
-    middle = (left + right) / 2
-    if camera.wraps:
-        middle = np.mod(middle, camera.width)
-    azimuth, low = angles_from_bearing(camera.bearings_from_pixels(np.stack([middle, bottom], axis=1)))
-    _, high = angles_from_bearing(camera.bearings_from_pixels(np.stack([middle, top], axis=1)))
-    if camera.wraps:
-        span = 2 * np.pi * (right - left) / camera.width
-    else:
-        row = (top + bottom) / 2
-        first, _ = angles_from_bearing(camera.bearings_from_pixels(np.stack([left, row], axis=1)))
-        last, _ = angles_from_bearing(camera.bearings_from_pixels(np.stack([right, row], axis=1)))
-        span = first - last
-    return azimuth, (low + high) / 2, span, high - low

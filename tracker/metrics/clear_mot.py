@@ -27,6 +27,7 @@ from tracker.geometry import Array
 from tracker.metrics.hota import HotaSums, hota_sums
 from tracker.metrics.matching import (
     Comparison,
+    Matches,
     MatchingFrame,
     clear_counts,
     compare,
@@ -139,23 +140,31 @@ class _Rules:
     hota: Function
 
 
+_GROUND = _Rules(
+    measure=planar_distance,
+    similarity=lambda d: np.maximum(0.0, 1 - d / (2 * GATE)),
+    threshold=0.5,
+    distance=np.asarray,
+    closeness=lambda d: 1 - d / GATE,
+    near=lambda d: 1 - d / MODA_GATE,
+    near_threshold=0.0,
+    hota=lambda d: np.maximum(0.0, 1 - d / HOTA_REACH),
+)
+
+
 def score(frames: Iterable[MatchingFrame]) -> TargetScore:
     """Score positions on the ground: distances in x, y, metres; a match lies within GATE.
 
     MODA and MODP have a gate of 0.5 m, and HOTA's similarity is max(0, 1 − d / 2 m). Raises ValueError for an id twice in a frame,
     with the frame (from 0) and the id.
     """
-    rules = _Rules(
-        measure=planar_distance,
-        similarity=lambda d: np.maximum(0.0, 1 - d / (2 * GATE)),
-        threshold=0.5,
-        distance=np.asarray,
-        closeness=lambda d: 1 - d / GATE,
-        near=lambda d: 1 - d / MODA_GATE,
-        near_threshold=0.0,
-        hota=lambda d: np.maximum(0.0, 1 - d / HOTA_REACH),
-    )
-    return _score(list(frames), rules)
+    return _score(list(frames), _GROUND)
+
+
+def match_on_ground(frames: list[MatchingFrame]) -> tuple[Comparison, Matches]:
+    """Distances, m, without people and estimates that do not count, and the matches of `score`."""
+    values, _, matches = _matched(frames, _GROUND)
+    return values, matches
 
 
 def score_boxes(frames: Iterable[MatchingFrame], *, iou: float = 0.5) -> TargetScore:
@@ -178,12 +187,17 @@ def score_boxes(frames: Iterable[MatchingFrame], *, iou: float = 0.5) -> TargetS
     return _score(list(frames), rules)
 
 
-def _score(frames: list[MatchingFrame], rules: _Rules) -> TargetScore:
+def _matched(frames: list[MatchingFrame], rules: _Rules) -> tuple[Comparison, Comparison, Matches]:
+    """Values of the pairs that count, their similarities, and the matches."""
     values = compare(frames, rules.measure)
     if any(frame.counts is not None for frame in frames):
         values = without_ignored(frames, values, match_frames(values.mapped(rules.similarity), rules.threshold))
     similarity = values.mapped(rules.similarity)
-    matches = match_frames(similarity, rules.threshold)
+    return values, similarity, match_frames(similarity, rules.threshold)
+
+
+def _score(frames: list[MatchingFrame], rules: _Rules) -> TargetScore:
+    values, similarity, matches = _matched(frames, rules)
     idtp, idfp, idfn = identity_counts(similarity, rules.threshold)
     near_matches, near_closeness = match_without_memory(values.mapped(rules.near), rules.near_threshold)
     return TargetScore(

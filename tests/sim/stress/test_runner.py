@@ -8,9 +8,10 @@ from typing import Any
 
 import pytest
 
+from sim.parallel.pool import Pool
 from sim.scenario import Scenario
 from sim.stress.bounds import MEASURES
-from sim.stress.runner import ROBOTS, Trial, Worker, Workers, empty_row, key_of, row_of, run_trials
+from sim.stress.runner import ROBOTS, Trial, Worker, empty_row, key_of, row_of, run_trials
 from sim.stress.sweeps import Case
 from sim.stress.tracker_under_test import TrackerUnderTest
 from tests.tracker.person_detector.blob_network import write_blob_network
@@ -52,7 +53,7 @@ def test_people_are_found_in_the_rendered_panoramas(tmp_path: Path) -> None:
     assert row["scores"]["misses"] > 0.5 * row["scores"]["truths"]
     (tmp_path / "results.jsonl").write_text(json.dumps(row) + "\n")
     with pytest.raises(ValueError, match="detector"):
-        run_trials([plain], tmp_path, Workers(), "", iter)
+        run_trials([plain], tmp_path, "", progress=iter)
     without = row_of(replace(pixels, rendered=False))
     assert without["error"] == "ValueError: --detector pixels needs rendered panoramas"
 
@@ -86,7 +87,7 @@ def test_finished_trials_are_not_run_again(tmp_path: Path) -> None:
     there = rows_of(tmp_path, *wanted)
     before = (tmp_path / "results.jsonl").read_text()
     (tmp_path / "results.jsonl").write_text(before + '{"schema": 1, "id": "mis')
-    made = run_trials(wanted, tmp_path, Workers(), "pilsim stress")
+    made = run_trials(wanted, tmp_path, "pilsim stress")
     assert made == sorted(there, key=key_of)
     assert [json.loads(line) for line in (tmp_path / "results.jsonl").read_text().splitlines()] == made
     assert json.loads((tmp_path / "run.json").read_text())["command"] == "pilsim stress"
@@ -95,30 +96,30 @@ def test_finished_trials_are_not_run_again(tmp_path: Path) -> None:
 def test_another_run_in_the_same_folder_is_refused(tmp_path: Path) -> None:
     rows_of(tmp_path, trial(tmp_path))
     with pytest.raises(ValueError, match=r"holds misses/0 seed 1005 of another run \(scenario\.frames 4 there, 9 asked for\)"):
-        run_trials([trial(tmp_path, frames=9)], tmp_path, Workers(), "pilsim stress")
+        run_trials([trial(tmp_path, frames=9)], tmp_path, "pilsim stress")
     with file_lock(tmp_path / ".lock"), pytest.raises(ValueError, match=rf"is being written by another pilsim \(process {os.getpid()} on "):
-        run_trials([trial(tmp_path)], tmp_path, Workers(), "pilsim stress")
+        run_trials([trial(tmp_path)], tmp_path, "pilsim stress")
 
 
 def test_folders_with_other_files_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "results.jsonl"
     path.write_text("nonsense\n")
     with pytest.raises(ValueError, match=r"results\.jsonl:1: not JSON"):
-        run_trials([], tmp_path, Workers(), "pilsim stress")
+        run_trials([], tmp_path, "pilsim stress")
     path.unlink()
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(ValueError, match=r"notes.txt: is a file, needs a folder"):
-        run_trials([], tmp_path / "notes.txt", Workers(), "pilsim stress")
+        run_trials([], tmp_path / "notes.txt", "pilsim stress")
     with pytest.raises(ValueError, match=r"holds notes.txt and no results.jsonl"):
-        run_trials([], tmp_path, Workers(), "pilsim stress")
+        run_trials([], tmp_path, "pilsim stress")
 
 
 @pytest.mark.soak
 def test_rows_do_not_depend_on_workers_and_machines(tmp_path: Path, cluster: Any) -> None:
     rows = []
-    for name, workers in (("one", Workers(1)), ("two", Workers(2)), ("cluster", Workers(cluster=cluster.scheduler_address))):
+    for name, pool in (("one", Pool()), ("two", Pool(2)), ("cluster", Pool(cluster=cluster.scheduler_address))):
         folder = tmp_path / name
-        made = run_trials([trial(folder), trial(folder, "raising", seed=4)], folder, workers, "pilsim stress")
+        made = run_trials([trial(folder), trial(folder, "raising", seed=4)], folder, "pilsim stress", pool)
         rows.append([{key: value for key, value in row.items() if key != "seconds"} for row in made])
     # In the order of their seeds: 4, 1005.
     assert [row["error"] is None for row in rows[0]] == [False, True]
