@@ -6,12 +6,14 @@ import csv
 import io
 import lzma
 import math
+import os
 import re
 import tokenize
 import warnings
 import zipfile
 import zlib
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -165,19 +167,30 @@ def read_rows(path: Path, columns: Sequence[str], whole: Container[str] = (), se
     return np.array(numbers, dtype=np.int64), values
 
 
-def first_fault(*rules: tuple[str, NDArray[Any], Mask, str], keys: NDArray[Any] | None = None) -> tuple[int, str] | None:
-    """The first row, from 0, that breaks a rule, and how; None where none does.
+def check_rows(*rules: tuple[str, NDArray[Any], Mask, str], keys: NDArray[Any]) -> None:
+    """Raises ValueError for the first row, from 0, that breaks a rule or has the key of a row before it: `row K: REASON`.
 
     rules: name, values (n,), where they are wrong (n,), and what is needed. keys (n, k): that identify a row; −1 in the second column does not.
     """
     broken = [(int(np.argmax(wrong)), name, values, needed) for name, values, wrong, needed in rules if wrong.any()]
     faults = [(row, f"{name} is {values[row]}, needs {needed}") for row, name, values, needed in broken]
-    if keys is not None:
-        named = np.flatnonzero(keys[:, 1] != -1)
-        _, first, which = np.unique(keys[named], axis=0, return_index=True, return_inverse=True)
-        again = named[first[which.ravel()] != np.arange(len(named))]
-        faults += [(int(k), f"frame {keys[k, 0]} holds id {keys[k, 1]} twice") for k in again[:1]]
-    return min(faults, default=None)
+    named = np.flatnonzero(keys[:, 1] != -1)
+    _, first, which = np.unique(keys[named], axis=0, return_index=True, return_inverse=True)
+    again = named[first[which.ravel()] != np.arange(len(named))]
+    faults += [(int(k), f"frame {keys[k, 0]} holds id {keys[k, 1]} twice") for k in again[:1]]
+    if faults:
+        row, reason = min(faults)
+        raise ValueError(f"row {row}: {reason}")
+
+
+@contextmanager
+def faults_at_lines(path: str | os.PathLike[str], lines: Ints) -> Iterator[None]:
+    """Tells errors of rows, which begin with `row K: `, with the file and the line of that row. lines (n,): of the rows."""
+    try:
+        yield
+    except ValueError as error:
+        row, reason = str(error).removeprefix("row ").split(": ", 1)
+        raise ValueError(f"{path}:{lines[int(row)]}: {reason}") from None
 
 
 def _column(kind: type, cells: Sequence[str]) -> NDArray[Any]:

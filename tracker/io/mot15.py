@@ -17,7 +17,7 @@ import numpy as np
 
 from tracker.geometry import Array, Ints, Mask, set_array, set_ints
 from tracker.io.atomic import write_text
-from tracker.io.csv_tables import LARGEST_WHOLE, first_fault, read_rows
+from tracker.io.csv_tables import LARGEST_WHOLE, check_rows, faults_at_lines, read_rows
 from tracker.io.text_files import read_lines
 from tracker.io.time_order import say_repeated
 
@@ -63,9 +63,14 @@ class Mot15Rows:
             set_array(self, name, shape)
         for name in ("frame", "id"):
             set_ints(self, name, (n,))
-        fault = _first_fault(self.frame, self.id, self.box)
-        if fault is not None:
-            raise ValueError(f"row {fault[0]}: {fault[1]}")
+        has_box, size = self.has_box, self.box[:, 2:]
+        check_rows(
+            ("frame", self.frame, self.frame < 1, "at least 1"),
+            ("id", self.id, np.abs(self.id) >= LARGEST_WHOLE, "less than 2^53"),
+            ("width", size[:, 0], has_box & (size[:, 0] < 0), "at least 0"),
+            ("height", size[:, 1], has_box & (size[:, 1] < 0), "at least 0"),
+            keys=np.column_stack([self.frame, self.id]),
+        )
 
     def __len__(self) -> int:
         return len(self.frame)
@@ -78,7 +83,7 @@ class Mot15Rows:
     @property
     def has_box(self) -> Mask:
         """(n,) whether each row has a box: its values are not all −1."""
-        return _has_box(self.box)
+        return np.asarray((self.box != ABSENT).any(axis=1))
 
     def by_frame(self) -> dict[int, Ints]:
         """Frame → indices of its rows, frames ascending, rows in the order of the file."""
@@ -87,17 +92,6 @@ class Mot15Rows:
         order = np.argsort(self.frame, kind="stable")
         frames, first = np.unique(self.frame[order], return_index=True)
         return {int(f): rows for f, rows in zip(frames, np.split(order, first[1:]), strict=True)}
-
-
-def _has_box(box: Array) -> Mask:
-    return np.asarray((box != ABSENT).any(axis=1))
-
-
-def _first_fault(frame: Ints, ids: Ints, box: Array) -> tuple[int, str] | None:
-    """The first invalid row, from 0, and the reason; None where all rows are valid."""
-    sizes = ((name, box[:, k], _has_box(box) & (box[:, k] < 0), "at least 0") for name, k in (("width", 2), ("height", 3)))
-    rules = (("frame", frame, frame < 1, "at least 1"), ("id", ids, np.abs(ids) >= LARGEST_WHOLE, "less than 2^53"), *sizes)
-    return first_fault(*rules, keys=np.column_stack([frame, ids]))
 
 
 def read_mot15(path: str | os.PathLike[str], tracks: bool = False) -> Mot15Rows:
@@ -112,9 +106,8 @@ def read_mot15(path: str | os.PathLike[str], tracks: bool = False) -> Mot15Rows:
     if tracks and (ids < 0).any():
         k = int(np.argmax(ids < 0))
         raise ValueError(f"{path}:{lines[k]}: id is {ids[k]}, needs at least 0; detections, whose ids are -1, are no tracks")
-    if (fault := _first_fault(frame, ids, table[:, 2:6])) is not None:
-        raise ValueError(f"{path}:{lines[fault[0]]}: {fault[1]}")
-    return Mot15Rows(frame, ids, table[:, 2:6], table[:, 6], table[:, 7:10])
+    with faults_at_lines(path, lines):
+        return Mot15Rows(frame, ids, table[:, 2:6], table[:, 6], table[:, 7:10])
 
 
 def _different(path: str | os.PathLike[str], columns: Sequence[str]) -> tuple[Ints, Array, int]:
@@ -141,10 +134,9 @@ def read_mot_truth(path: str | os.PathLike[str]) -> tuple[Mot15Rows, Mask]:
         return rows, np.zeros(len(rows), dtype=np.bool_)
     lines, values = read_rows(Path(path), TRUTH_COLUMNS, (*WHOLE, "class"))
     kind, frame, ids = values[:, 7].astype(np.int64), *values[:, :2].astype(np.int64).T
-    if (fault := _first_fault(frame, ids, values[:, 2:6])) is not None:
-        raise ValueError(f"{path}:{lines[fault[0]]}: {fault[1]}")
     consider = np.where(kind == PEDESTRIAN, values[:, 6], 0.0)
-    return Mot15Rows(frame, ids, values[:, 2:6], consider, np.full((len(values), 3), ABSENT)), np.isin(kind, DISTRACTORS)
+    with faults_at_lines(path, lines):
+        return Mot15Rows(frame, ids, values[:, 2:6], consider, np.full((len(values), 3), ABSENT)), np.isin(kind, DISTRACTORS)
 
 
 def place_of_row(path: str | os.PathLike[str], row: int) -> str:

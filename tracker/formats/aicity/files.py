@@ -28,7 +28,7 @@ from tracker.geometry import Array, Ints, set_array, set_ints
 from tracker.geometry.camera_protocol import MAX_SIDE
 from tracker.geometry.lenses import Pinhole
 from tracker.io.atomic import write_text
-from tracker.io.csv_tables import first_fault, read_rows
+from tracker.io.csv_tables import check_rows, faults_at_lines, read_rows
 from tracker.io.json_files import JsonObject, read_json
 from tracker.io.mot15 import number
 from tracker.recordings import RecordingCamera
@@ -90,9 +90,11 @@ class AiCityRows:
             set_ints(self, name, (n,))
         for name, shape in (("centre", (n, 3)), ("size", (n, 3)), ("yaw", (n,))):
             set_array(self, name, shape)
-        fault = self._fault()
-        if fault is not None:
-            raise ValueError(f"row {fault[0]}: {fault[1]}")
+        whole = zip(COLUMNS, (self.scene, self.category, self.id, self.frame), (LARGEST_ID, LARGEST_ID, LARGEST_ID, LARGEST_FRAME), strict=False)
+        rules = [(name, values, (values < 0) | (values >= most), f"0 to less than {most}") for name, values, most in whole]
+        sizes = zip(COLUMNS[7:10], self.size.T, strict=True)
+        rules += [(name, values, ~((values > 0) & (values < LARGEST)), f"more than 0, less than {LARGEST:g}") for name, values in sizes]
+        check_rows(*rules, keys=np.column_stack([self.frame, self.id, self.category, self.scene]))
 
     def __len__(self) -> int:
         return len(self.scene)
@@ -101,14 +103,6 @@ class AiCityRows:
     def boxes(self) -> Array:
         """Boxes (n, 7): x, y, z, width, length, height, yaw."""
         return np.column_stack([self.centre, self.size, self.yaw])
-
-    def _fault(self) -> tuple[int, str] | None:
-        """The first invalid row, from 0, and the reason."""
-        whole = zip(COLUMNS, (self.scene, self.category, self.id, self.frame), (LARGEST_ID, LARGEST_ID, LARGEST_ID, LARGEST_FRAME), strict=False)
-        rules = [(name, values, (values < 0) | (values >= most), f"0 to less than {most}") for name, values, most in whole]
-        sizes = zip(COLUMNS[7:10], self.size.T, strict=True)
-        rules += [(name, values, ~((values > 0) & (values < LARGEST)), f"more than 0, less than {LARGEST:g}") for name, values in sizes]
-        return first_fault(*rules, keys=np.column_stack([self.frame, self.id, self.category, self.scene]))
 
 
 def read_calibration(path: Path) -> tuple[float, dict[str, RecordingCamera]]:
@@ -265,11 +259,8 @@ def read_results(path: Path) -> AiCityRows:
     """
     lines, table = read_rows(path, COLUMNS, COLUMNS[:WHOLE], separator=None)
     scene, category, identity, frame = table[:, :WHOLE].astype(np.int64).T
-    try:
+    with faults_at_lines(path, lines):
         return AiCityRows(scene, category, identity, frame, table[:, 4:7], table[:, 7:10], table[:, 10])
-    except ValueError as error:
-        row, reason = str(error).removeprefix("row ").split(": ", 1)
-        raise ValueError(f"{path}:{lines[int(row)]}: {reason}") from None
 
 
 def write_results(path: Path, rows: AiCityRows) -> None:
