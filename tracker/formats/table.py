@@ -105,7 +105,7 @@ FORMATS = (
         "AI City track 1 (calibration.json, ground_truth.json)",
         "AI City track 1",
         is_aicity,
-        lambda path, _, strict: read_aicity(path, strict),
+        lambda path, *_: read_aicity(path),
         "calibration.json",
         Export("aicity", "AI City Challenge, track 1", aicity_export.README, aicity_export.export_aicity),
     ),

@@ -138,32 +138,24 @@ def rows_of_results(results: Results, scene: int) -> AiCityRows:
     return AiCityRows(np.full(len(ids), scene), np.zeros(len(ids), dtype=np.int64), ids + shift, frame, table[:, :3], table[:, 3:6], table[:, 6])
 
 
-def write_results_aicity(results: Results, path: Path, scene: int | None = None) -> int:
-    """Write the tracks of a run as the result file of a submission. Returns the scene.
-
-    scene: scene_id; without it the number in the name of the source. Raises ValueError for a negative scene.
-    """
-    number = scene_of(results) if scene is None else scene
-    if number < 0:
-        raise ValueError(f"scene is {number}, needs at least 0")
-    write_results(path, rows_of_results(results, number))
-    return number
-
-
 def is_results(folder: Path) -> bool:
     """Whether `track` wrote the folder."""
     return (folder / RUN).is_file()
 
 
 def export_results(folder: Path, out: Path, scene: int | None = None) -> int:
-    """Write the results in `folder` as RESULT_FILE with a README.md into `out` atomically. Returns the scene.
+    """Write the results in `folder` as RESULT_FILE, that of a submission, with a README.md into `out` atomically. Returns the scene.
 
-    Raises ValueError as read_results and write_results_aicity, for an `out` that is not empty or lies in `folder`, and where another process
+    scene: scene_id; without it the number in the name of the source.
+    Raises ValueError as read_results, for a negative scene, for an `out` that is not empty or lies in `folder`, and where another process
     writes into it.
     """
     results = read_results(folder)
+    number = scene_of(results) if scene is None else scene
+    if number < 0:
+        raise ValueError(f"scene is {number}, needs at least 0")
     with export_folder(folder, out) as unfinished:
-        number = write_results_aicity(results, unfinished / RESULT_FILE, scene)
+        write_results(unfinished / RESULT_FILE, rows_of_results(results, number))
         head = f"# Results for track 1 of the AI City Challenge, exported by pilsim\n\nFrom: {folder.resolve().name}.\n"
         write_text(unfinished / "README.md", head + README_RESULTS.format(scene=number))
     return number

@@ -37,10 +37,9 @@ def is_aicity(path: Path) -> bool:
         return b'"sensors"' in opened.read(HEAD)
 
 
-def read_aicity(path: Path, strict: bool = True) -> Recording:
+def read_aicity(path: Path) -> Recording:
     """Read a scene. The feet of people are below the middle of their boxes by half the height; objects of other classes are left out.
 
-    strict: whether cameras must be above the plane z = 0, which is the ground; `pilsim check` reads without.
     Recording.source["left_out"] has class → number of its boxes that are left out.
     Raises ValueError with file and field or line for missing or invalid content, cameras of different rates, and detections of no camera.
     """
@@ -51,7 +50,7 @@ def read_aicity(path: Path, strict: bool = True) -> Recording:
         truth, left_out = people(read_ground_truth(path / TRUTH))
     videos = {file.stem: file for file in sorted((path / VIDEOS).glob("*.mp4"))}
     try:
-        recording = Recording(
+        return Recording(
             rate,
             cameras,
             {name: read_boxes(file) for name, file in named.items()},
@@ -64,11 +63,8 @@ def read_aicity(path: Path, strict: bool = True) -> Recording:
                 "files": checksums(path, [path / CALIBRATION, path / TRUTH, *named.values()]),
             },
         )
-        if strict:
-            recording.check_heights()
     except ValueError as error:
         raise ValueError(str(error) if str(error).startswith(str(path)) else f"{path / CALIBRATION}: {error}") from None
-    return recording
 
 
 def _detections(folder: Path, cameras: list[str]) -> dict[str, Path]:

@@ -62,15 +62,11 @@ IMAGES = "images/image_stitched"
 
 @dataclass(frozen=True)
 class JrdbSequence:
-    """The files of a sequence, each None where it is not there."""
+    """The files of a sequence that are there, by the folders of JRDB that hold them. images: the folder of panoramas, None where it is not there."""
 
     name: str
-    labels_3d: Path | None
-    labels_2d: Path | None
-    detections: Path | None
-    boxes: Path | None
+    files: dict[str, Path]
     images: Path | None
-    times: Path | None
 
 
 def is_jrdb(path: Path) -> bool:
@@ -93,16 +89,11 @@ def jrdb_sequence(path: Path) -> JrdbSequence:
         example = next((file for files in found.values() for file in files.values()), root / LABELS_3D / "SEQ.json")
         raise ValueError(f"{path}: holds {some} of JRDB, needs one; name it by its file of labels, as {example}")
     name = wanted or names[0]
-    boxes, images, times = root / "detections" / f"{name}.txt", root / IMAGES / name, root / "timestamps" / name / "frames_img.json"
-    return JrdbSequence(
-        name,
-        found[LABELS_3D].get(name),
-        found[LABELS_2D].get(name),
-        found[DETECTIONS].get(name),
-        boxes if boxes.is_file() else None,
-        images if images.is_dir() else None,
-        times if times.is_file() else None,
-    )
+    files = {Path(kind).name: found[kind][name] for kind in kinds if name in found[kind]}
+    beside = {"detections": root / "detections" / f"{name}.txt", "timestamps": root / "timestamps" / name / "frames_img.json"}
+    files |= {kind: file for kind, file in beside.items() if file.is_file()}
+    images = root / IMAGES / name
+    return JrdbSequence(name, files, images if images.is_dir() else None)
 
 
 def _root(path: Path) -> tuple[Path, str | None]:
@@ -126,19 +117,20 @@ def read_jrdb(path: Path, labels_as_detections: bool = False) -> Recording:
     The frames are the labelled ones: every n-th, from the first, at 15 / n frames/s. Without labels they are those of the detections.
     Raises ValueError with file and field for missing or invalid content.
     """
-    files = jrdb_sequence(path)
-    people = None if files.labels_3d is None else read_labels_3d(files.labels_3d)
-    labels = {} if files.labels_2d is None else read_labels_2d(files.labels_2d)
-    note = None if files.labels_2d is None else read_note(files.labels_2d)
-    detected = {} if files.detections is None else read_detections_2d(files.detections)
+    sequence = jrdb_sequence(path)
+    files = sequence.files
+    people = read_labels_3d(files["labels_3d"]) if "labels_3d" in files else None
+    labels = read_labels_2d(files["labels_2d_stitched"]) if "labels_2d_stitched" in files else {}
+    note = read_note(files["labels_2d_stitched"]) if "labels_2d_stitched" in files else None
+    detected = read_detections_2d(files["detections_2d_stitched"]) if "detections_2d_stitched" in files else {}
     index, step = _index(people or labels or detected, path)
     boxes: FrameBoxes = {index[number]: found for number, found in detected.items() if number in index}
     if labels_as_detections:
         boxes = {index[number]: _boxes(found) for number, found in labels.items() if number in index}
-    elif files.boxes is not None:
-        boxes = read_boxes(files.boxes)
-        _check_frames(boxes, index, files.boxes)
-    images = {index[int(file.stem)]: file for file in _pictures(files.images) if int(file.stem) in index}
+    elif "detections" in files:
+        boxes = read_boxes(files["detections"])
+        _check_frames(boxes, index, files["detections"])
+    images = {index[int(file.stem)]: file for file in _pictures(sequence.images) if int(file.stem) in index}
     above, frames = note.above_ground if note else ABOVE_FLOOR, max([*index.values(), *boxes], default=-1) + 1
     return Recording(
         note.rate if note else RATE / step,
@@ -148,8 +140,13 @@ def read_jrdb(path: Path, labels_as_detections: bool = False) -> Recording:
         frames=frames,
         height=STATURE if note else SEATED,
         images={CAMERA: ImageFiles(images)} if images else {},
-        clocks={} if files.times is None or not index else {CAMERA: _clock(files.times, [min(index) + step * k for k in range(frames)])},
-        source={"source": "JRDB", "sequence": files.name, "labels_as_detections": labels_as_detections, "files": _checksums(files)},
+        clocks={CAMERA: _clock(files["timestamps"], [min(index) + step * k for k in range(frames)])} if "timestamps" in files and index else {},
+        source={
+            "source": "JRDB",
+            "sequence": sequence.name,
+            "labels_as_detections": labels_as_detections,
+            "files": {kind: checksum(file) for kind, file in files.items()},
+        },
     )
 
 
@@ -213,14 +210,3 @@ def _camera(note: PanoramaNote | None, images: Mapping[int, Path]) -> Camera:
 
 def _pictures(folder: Path | None) -> list[Path]:
     return [] if folder is None else [file for file in visible_files(folder, PICTURES) if re.fullmatch("[0-9]{1,12}", file.stem)]
-
-
-def _checksums(files: JrdbSequence) -> dict[str, str]:
-    read = {
-        "labels_3d": files.labels_3d,
-        "labels_2d_stitched": files.labels_2d,
-        "detections_2d_stitched": files.detections,
-        "detections": files.boxes,
-        "timestamps": files.times,
-    }
-    return {name: checksum(file) for name, file in read.items() if file is not None}

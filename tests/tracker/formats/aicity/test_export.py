@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.tracker.formats.scene import FRAMES
-from tracker.formats.aicity.export import camera_of, export_results, write_results_aicity
+from tracker.formats.aicity.export import camera_of, export_results
 from tracker.formats.aicity.files import read_ground_truth, read_results
 from tracker.formats.aicity.reading import is_aicity, read_aicity
 from tracker.formats.exported_sequence import RecordedSequence
@@ -74,9 +74,10 @@ def test_results_become_the_file_of_a_submission(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="out: is there already"):
         export_results(tmp_path / "run", tmp_path / "out")
     with pytest.raises(ValueError, match="scene is -1, needs at least 0"):
-        write_results_aicity(Results(1, {}, {}, {}, {}), tmp_path / "x.txt", -1)
-    assert write_results_aicity(Results(1, {}, {}, {}, {}), tmp_path / "x.txt") == 0
-    assert (tmp_path / "x.txt").read_text() == ""
+        export_results(tmp_path / "run", tmp_path / "below", -1)
+    write_results(tmp_path / "nobody", Results(1, {}, {}, {}, {}))
+    assert export_results(tmp_path / "nobody", tmp_path / "empty") == 0
+    assert (tmp_path / "empty" / "track1.txt").read_text() == ""
 
 
 def test_only_pinholes_without_distortion_are_held(sequence: Path) -> None:
