@@ -128,7 +128,7 @@ def _ratio(above: float, below: float) -> float:
 
 @dataclass(frozen=True)
 class _Rules:
-    """The measure of a pair, and how each score uses its value."""
+    """The measure of a pair, and how each score uses its value. similarity: in [0, 1], by which pairs are matched, and that of HOTA."""
 
     measure: Callable[[Array, Array], Array]
     similarity: Function
@@ -137,18 +137,16 @@ class _Rules:
     closeness: Function
     near: Function
     near_threshold: float
-    hota: Function
 
 
 _GROUND = _Rules(
     measure=planar_distance,
-    similarity=lambda d: np.maximum(0.0, 1 - d / (2 * GATE)),
-    threshold=0.5,
+    similarity=lambda d: np.maximum(0.0, 1 - d / HOTA_REACH),
+    threshold=1 - GATE / HOTA_REACH,
     distance=np.asarray,
     closeness=lambda d: 1 - d / GATE,
     near=lambda d: 1 - d / MODA_GATE,
     near_threshold=0.0,
-    hota=lambda d: np.maximum(0.0, 1 - d / HOTA_REACH),
 )
 
 
@@ -182,7 +180,6 @@ def score_boxes(frames: Iterable[MatchingFrame], *, iou: float = 0.5) -> TargetS
         closeness=np.asarray,
         near=np.asarray,
         near_threshold=iou,
-        hota=np.asarray,
     )
     return _score(list(frames), rules)
 
@@ -209,7 +206,7 @@ def _score(frames: list[MatchingFrame], rules: _Rules) -> TargetScore:
         idfn=idfn,
         near_matches=near_matches,
         near_closeness=near_closeness,
-        hota_sums=hota_sums(values.mapped(rules.hota)),
+        hota_sums=hota_sums(similarity),
     )
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from operator import add
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -25,15 +26,7 @@ class HotaSums:
     association: tuple[float, ...] = (0.0,) * len(ALPHAS)
 
     def __add__(self, other: HotaSums) -> HotaSums:
-        def add(a: tuple[int, ...], b: tuple[int, ...]) -> tuple[int, ...]:
-            return tuple(x + y for x, y in zip(a, b, strict=True))
-
-        return HotaSums(
-            add(self.matches, other.matches),
-            add(self.misses, other.misses),
-            add(self.false_positives, other.false_positives),
-            tuple(x + y for x, y in zip(self.association, other.association, strict=True)),
-        )
+        return HotaSums(**{f.name: tuple(map(add, getattr(self, f.name), getattr(other, f.name))) for f in fields(self)})
 
     @property
     def deta(self) -> Array:

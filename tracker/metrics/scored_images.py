@@ -6,7 +6,7 @@ Truth is a sequence of pilsim, a recording, PETS 2009 or WILDTRACK, or a MOT15 f
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -124,11 +124,8 @@ def _images_of_file(truth: Path, result: Path, options: SourceOptions) -> Iterat
     by_frame, nowhere = rows.by_frame(), np.zeros(0, dtype=np.int64)
     for frame in _frames(max(by_frame), options.frames or found.frames, truth):
         own, (box, score) = by_frame.get(frame + 1, nowhere), boxes.get(frame, NONE)
-        counts, n, k = np.asarray(rows.confidence[own] != 0), len(own), len(box)
-        unknown = np.full((n, 2), np.nan), np.full((k, 2), np.nan)
-        yield ImageBoxes(
-            _edges(rows.box[own]), _edges(box), score, np.full(n, np.nan), counts, np.ones(k, dtype=np.bool_), *unknown, world=truth.stem
-        )
+        image = ImageBoxes.of(_edges(rows.box[own]), _edges(box), score)
+        yield replace(image, counts=np.asarray(rows.confidence[own] != 0), world=truth.stem)
 
 
 def _images_of_sequence(path: Path, result: Path, options: SourceOptions) -> Iterator[ImageBoxes]:
@@ -180,10 +177,8 @@ def _of_labels(path: Path, recording: Recording, name: str, found: tuple[range, 
     for frame in found[0]:
         box, score = found[1].get(frame, NONE)
         labels = _edges(recording.detections.get(name, {}).get(frame, NONE)[0])
-        n, k, period = len(labels), len(box), float(camera.width) if camera.wraps else None
-        unknown = np.full((n, 2), np.nan), np.full((k, 2), np.nan)
-        all_ = np.ones(n, dtype=np.bool_), np.ones(k, dtype=np.bool_)
-        yield ImageBoxes(labels, _edges(box), score, np.full(n, np.nan), *all_, *unknown, period, path.name, name, frame)
+        image = ImageBoxes.of(labels, _edges(box), score)
+        yield replace(image, period=float(camera.width) if camera.wraps else None, world=path.name, camera=name, frame=frame)
 
 
 def _of_camera(path: Path, recording: Recording, name: str, found: tuple[range, FrameBoxes]) -> Iterator[ImageBoxes]:
