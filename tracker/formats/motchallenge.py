@@ -6,16 +6,17 @@ A row with consider 0 does not count, and class 1 is a pedestrian. Frames count 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
 
 from tracker.formats.exported_sequence import RecordedSequence, ltwh_from_edges
-from tracker.geometry import Array, Ints
+from tracker.geometry import Ints
 from tracker.io.atomic import write_text
-from tracker.io.mot15 import ABSENT, PEDESTRIAN, Mot15Rows, number, write_mot15
-from tracker.types import Boxes, ViewTruth
+from tracker.io.mot15 import PEDESTRIAN, Mot15Rows, number, rows_from_tracks, write_mot15
+from tracker.types import Boxes
 from tracker.types.truth import evaluated_people
 
 
@@ -76,62 +77,61 @@ least a fifth of the body, for 9/7 s: does not count), x, y, z [m]. `pilsim scor
 
 def export_mot17(out: Path, recordings: Iterable[RecordedSequence]) -> list[str]:
     """Write MOT17 sequences with truth of nine values. Returns no notes."""
-    names = []
-    for recording in recordings:
-        for camera in recording.cameras:
-            root = _view_folder(out / "MOT17-train", recording, camera)
-            names.append(root.name)
-            frame, boxes = _stacked(recording, camera)
-            write_mot17(root / "gt" / "gt.txt", frame, boxes)
-        _write_views(out / "MOT17-train", recording)
-    _write_seqmap(out, "MOT17", names)
+    _export_views(out, "MOT17", recordings, lambda path, _, frame, boxes: write_mot17(path, frame, boxes))
     return []
 
 
 def export_mot15(out: Path, recordings: Iterable[RecordedSequence]) -> list[str]:
     """Write MOT15 sequences with truth of ten values, and the ground positions of each sequence. Returns no notes."""
-    names = []
-    for recording in recordings:
-        feet = {(t.index, p): position for t in recording.truth for p, position in zip(t.person_id.tolist(), t.feet, strict=True)}
-        for camera in recording.cameras:
-            root = _view_folder(out / "MOT15-train", recording, camera)
-            names.append(root.name)
-            frame, boxes = _stacked(recording, camera)
-            positions = np.array([feet[k - 1, p] for k, p in zip(frame.tolist(), boxes.person.tolist(), strict=True)]).reshape(-1, 3)
-            full = ltwh_from_edges(boxes.full) + np.array([FIRST, FIRST, 0, 0])
-            write_mot15(root / "gt" / "gt.txt", Mot15Rows(frame, boxes.person, full, (boxes.visible > 0).astype(float), positions))
-        _write_views(out / "MOT15-train", recording)
-        ground = out / "MOT15-3D" / recording.name / "gt"
-        ground.mkdir(parents=True)
-        write_mot15(ground / "gt.txt", ground_positions(recording))
-    _write_seqmap(out, "MOT15", names)
+    _export_views(out, "MOT15", (_with_ground_positions(out / "MOT15-3D", recording) for recording in recordings), _write_truth15)
     return []
 
 
-def ground_positions(recording: RecordedSequence) -> Mot15Rows:
-    """Ground positions of all people as rows without boxes. Confidence is 0 where a person does not count (evaluated_people)."""
+def _export_views(
+    out: Path, era: str, recordings: Iterable[RecordedSequence], write_truth: Callable[[Path, RecordedSequence, Ints, Boxes], None]
+) -> None:
+    """Write a folder for each view, and the list of all that TrackEval reads; its first line is `name`.
+
+    write_truth: takes the path of gt.txt, the sequence, frames (n,) from 1 and the boxes of n people.
+    """
+    split, names = out / f"{era}-train", ["name"]
+    for recording in recordings:
+        for camera in recording.cameras:
+            root = _view_folder(split, recording, camera)
+            names.append(root.name)
+            write_truth(root / "gt" / "gt.txt", recording, *_stacked(recording, camera))
+        for k in recording.frames():
+            for camera in recording.cameras:
+                (split / f"{recording.name}-{camera}" / "img1" / f"{k + 1:06d}.jpg").write_bytes(recording.image(k, camera))
+    (out / "seqmaps").mkdir()
+    write_text(out / "seqmaps" / f"{era}-train.txt", "".join(f"{name}\n" for name in names))
+
+
+def _write_truth15(path: Path, recording: RecordedSequence, frame: Ints, boxes: Boxes) -> None:
+    feet = {(t.index, p): position for t in recording.truth for p, position in zip(t.person_id.tolist(), t.feet, strict=True)}
+    positions = np.array([feet[k - 1, p] for k, p in zip(frame.tolist(), boxes.person.tolist(), strict=True)]).reshape(-1, 3)
+    full = ltwh_from_edges(boxes.full) + np.array([FIRST, FIRST, 0, 0])
+    write_mot15(path, Mot15Rows(frame, boxes.person, full, (boxes.visible > 0).astype(float), positions))
+
+
+def _with_ground_positions(folder: Path, recording: RecordedSequence) -> RecordedSequence:
+    """Write the ground positions of all people as rows without boxes, and return the sequence.
+
+    Confidence is 0 where a person does not count (evaluated_people).
+    """
+    rows = rows_from_tracks({t.index + 1: (t.person_id, t.feet) for t in recording.truth})
     counts = evaluated_people(recording.truth, recording.setup.period)
-    n = sum(len(t.person_id) for t in recording.truth)
-    return Mot15Rows(
-        np.concatenate([np.full(len(t.person_id), t.index + 1) for t in recording.truth]),
-        np.concatenate([t.person_id for t in recording.truth]),
-        np.full((n, 4), ABSENT),
-        np.concatenate(counts).astype(float),
-        np.concatenate([t.feet for t in recording.truth]).reshape(-1, 3),
-    )
+    ground = folder / recording.name / "gt"
+    ground.mkdir(parents=True)
+    write_mot15(ground / "gt.txt", replace(rows, confidence=np.concatenate(counts).astype(float)))
+    return recording
 
 
 def _stacked(recording: RecordedSequence, camera: str) -> tuple[Ints, Boxes]:
     """Frames (n,) from 1 and boxes of all people in one camera over all frames."""
-    views: list[tuple[int, ViewTruth]] = [(k, recording.views[k, camera]) for k in range(len(recording.truth)) if (k, camera) in recording.views]
-    all_boxes = [view.boxes for _, view in views]
-
-    def joined(name: str, shape: tuple[int, ...]) -> Array:
-        return np.concatenate([np.zeros((0, *shape)), *(getattr(boxes, name) for boxes in all_boxes)])
-
-    frame = np.concatenate([np.zeros(0, dtype=np.int64), *(np.full(len(v.boxes.person), k + 1) for k, v in views)])
-    person = np.concatenate([np.zeros(0, dtype=np.int64), *(boxes.person for boxes in all_boxes)])
-    return frame, Boxes(person, joined("seen", (4,)), joined("full", (4,)), joined("visible", ()), joined("range", ()))
+    views = {k: recording.views[k, camera].boxes for k in range(len(recording.truth)) if (k, camera) in recording.views}
+    frame = np.repeat(np.array(list(views), dtype=np.int64) + 1, [len(boxes.person) for boxes in views.values()])
+    return frame, Boxes(*(np.concatenate([getattr(boxes, one.name) for boxes in (Boxes.none(), *views.values())]) for one in fields(Boxes)))
 
 
 def _view_folder(split: Path, recording: RecordedSequence, camera: str) -> Path:
@@ -144,15 +144,3 @@ def _view_folder(split: Path, recording: RecordedSequence, camera: str) -> Path:
     write_text(root / "seqinfo.ini", "[Sequence]\n" + "".join(f"{key}={value}\n" for key, value in values.items()))
     write_mot15(root / "det" / "det.txt", recording.detection_rows(camera, FIRST))
     return root
-
-
-def _write_views(split: Path, recording: RecordedSequence) -> None:
-    for k in recording.frames():
-        for camera in recording.cameras:
-            (split / f"{recording.name}-{camera}" / "img1" / f"{k + 1:06d}.jpg").write_bytes(recording.image(k, camera))
-
-
-def _write_seqmap(out: Path, era: str, names: Iterable[str]) -> None:
-    """Write the list of sequences that TrackEval reads; its first line is `name`."""
-    (out / "seqmaps").mkdir()
-    write_text(out / "seqmaps" / f"{era}-train.txt", "\n".join(["name", *names]) + "\n")
