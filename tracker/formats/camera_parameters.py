@@ -5,6 +5,7 @@ Images are resampled into another camera with the same centre: the six faces of 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -129,6 +130,14 @@ def pixel_errors(cameras: dict[str, Camera]) -> list[str]:
     """Notes for README.md: the errors of cameras whose distortion was fitted."""
     errors = {name: CameraParameters.of(camera).error for name, camera in cameras.items() if isinstance(camera, Tsai) and camera.kappa1}
     return [f"{name}: its distortion is fitted to {error:.2g} px" for name, error in errors.items()]
+
+
+def camera_notes(recording: RecordedSequence, cameras: Iterable[str], fate: str) -> list[str]:
+    """Notes for README.md on cameras that have no images, with what becomes of them, and on those whose calibration is fitted."""
+    names = list(cameras)
+    without = [name for name in names if not recording.has_images(name)]
+    notes = [f"has no images of {', '.join(without)}; {fate}"] if without else []
+    return [f"{recording.name}: {note}." for note in notes + pixel_errors({name: recording.cameras[name] for name in names})]
 
 
 def face_camera(camera: PanoramicCamera) -> Pinhole:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tracker.formats.camera_parameters import OPTICAL, CameraParameters, ExportedView, faces, pixel_errors
+from tracker.formats.camera_parameters import OPTICAL, CameraParameters, ExportedView, camera_notes, faces
 from tracker.formats.exported_sequence import RecordedSequence
 from tracker.geometry import Array, Pose, quaternion_from_rotation
 from tracker.geometry.cameras import Camera
@@ -132,9 +132,7 @@ def export_colmap(out: Path, recordings: Iterable[RecordedSequence]) -> list[str
                     (images / name).write_bytes(view.image(recording, frame, suffix))
         write_model(model, [colmap_camera(view.camera) for view in views], listed, _points(recording))
         write_text(root / "rig_config.json", json_text(rig_configuration(recording, views), indent=1) + "\n")
-        without = [name for name in recording.cameras if not recording.has_images(name)]
-        notes += [f"{recording.name}: has no images of {', '.join(without)}; their poses are here."] if without else []
-        notes += [f"{recording.name}: {note}." for note in pixel_errors(recording.cameras)]
+        notes += camera_notes(recording, recording.cameras, "their poses are here")
     return notes
 
 

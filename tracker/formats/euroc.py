@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tracker.formats.camera_parameters import OPTICAL, PANORAMAS, CameraParameters, ExportedView, pixel_errors
+from tracker.formats.camera_parameters import OPTICAL, PANORAMAS, CameraParameters, ExportedView, camera_notes
 from tracker.formats.camera_parameters import faces as cube_faces
 from tracker.formats.exported_sequence import PNG, RecordedSequence
 from tracker.geometry import Array, Pose, quaternion_from_rotation
@@ -110,7 +110,7 @@ def export_euroc(out: Path, recordings: Iterable[RecordedSequence], epoch: int =
         for frame in recording.frames():
             for folder, view, times in pictured:
                 (folder / f"{times[frame]}{PNG}").write_bytes(view.image(recording, frame, PNG))
-        notes += missing_images(recording, [name for cameras in mounts.values() for name in cameras])
+        notes += camera_notes(recording, (name for cameras in mounts.values() for name in cameras), "they are left out")
     return notes
 
 
@@ -120,13 +120,6 @@ def moving_cameras(recording: RecordedSequence, form: str) -> dict[str, dict[str
     if not out:
         raise ValueError(f"{recording.folder}: has no robot that moves, which {form} needs")
     return out
-
-
-def missing_images(recording: RecordedSequence, cameras: Iterable[str]) -> list[str]:
-    """A note, or none, on cameras without images, and one on each whose calibration is fitted."""
-    without = [name for name in cameras if not recording.has_images(name)]
-    left_out = [f"{recording.name}: has no images of {', '.join(without)}; they are left out."] if without else []
-    return left_out + [f"{recording.name}: {note}." for note in pixel_errors({name: recording.cameras[name] for name in cameras})]
 
 
 def camera_yaml(view: ExportedView, T_body_optical: Pose, rate: float) -> str:

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tracker.formats.camera_parameters import OPTICAL, CameraParameters, ExportedView, straight
-from tracker.formats.euroc import missing_images, moving_cameras
+from tracker.formats.camera_parameters import OPTICAL, CameraParameters, ExportedView, camera_notes, straight
+from tracker.formats.euroc import moving_cameras
 from tracker.formats.exported_sequence import PNG, RecordedSequence
 from tracker.geometry import Array, Pose
 from tracker.io.atomic import write_text
@@ -93,7 +93,7 @@ def export_kitti(out: Path, recordings: Iterable[RecordedSequence]) -> list[str]
         for frame in recording.frames():
             for folder, view in pictured:
                 (folder / f"{frame:06d}{PNG}").write_bytes(view.image(recording, frame, PNG, gray=True))
-        notes += missing_images(recording, [name for cameras in mounts.values() for name in cameras])
+        notes += camera_notes(recording, (name for cameras in mounts.values() for name in cameras), "they are left out")
     return notes
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tracker.formats.camera_parameters import OPTICAL, PANORAMAS, pixel_errors
+from tracker.formats.camera_parameters import OPTICAL, PANORAMAS, camera_notes
 from tracker.formats.exported_sequence import RecordedSequence, ltwh_from_edges
 from tracker.formats.ros.bag import BagWriter, Topic
 from tracker.formats.ros.markers import boxes_marker, people_markers, person_color, terrain_marker
@@ -106,9 +106,7 @@ def export_mcap(out: Path, recordings: Iterable[RecordedSequence], epoch: int = 
                     bag.write(topic, message, stamp)
                 for topic, message in scene.messages(frame):
                     bag.write(topic, message, scene.stamps[frame])
-        without = [camera for camera in recording.cameras if not recording.has_images(camera)]
-        notes += [f"{recording.name}: has no images of {', '.join(without)}; their topics are left out."] if without else []
-        notes += [f"{recording.name}: {note}." for note in pixel_errors(recording.cameras)]
+        notes += camera_notes(recording, recording.cameras, "their topics are left out")
     return notes
 
 
