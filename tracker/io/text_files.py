@@ -6,6 +6,7 @@ import codecs
 import difflib
 import math
 import os
+import re
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
@@ -16,8 +17,7 @@ LARGEST_NUMBER = 1e60
 INTEGER_BITS = 62
 LONGEST_SHOWN = 60
 """Characters of a value in an error message."""
-_BLOCK = 1 << 20
-_OTHER_ENCODINGS = {codecs.BOM_UTF16_LE: "UTF-16", codecs.BOM_UTF16_BE: "UTF-16"}
+_ESCAPED = re.compile("[\udc80-\udcff]")
 
 
 def read_lines(path: str | os.PathLike[str], errors: str = "strict") -> Iterator[tuple[int, str]]:
@@ -55,29 +55,18 @@ def read_text(path: str | os.PathLike[str], most: int) -> str:
 
 def not_utf8(path: str | os.PathLike[str]) -> ValueError:
     """The error of a file whose bytes are no UTF-8: with file, line and byte from 0."""
-    decoder, place, line, kept = codecs.getincrementaldecoder("utf-8")(), 0, 1, b""
     with Path(path).open("rb") as file:
-        start = file.read(2)
-        file.seek(0)
-        while block := file.read(_BLOCK):
-            data = kept + block
-            try:
-                decoder.decode(block)
-            except UnicodeDecodeError as error:
-                line += _line_ends(data[: error.start])
-                known = _OTHER_ENCODINGS.get(start)
-                return ValueError(
-                    f"{path}:{line}: byte {place + error.start} is not UTF-8{f' but {known}' if known else ''}: not a text file in UTF-8"
-                )
-            kept = decoder.getstate()[0]
-            done = data[: len(data) - len(kept)]
-            # The line end CR LF may be divided between blocks, which moves the number of the line by one at most.
-            line, place = line + _line_ends(done), place + len(done)
-    return ValueError(f"{path}:{line}: byte {place} is not UTF-8: not a text file in UTF-8, it ends within a character")
-
-
-def _line_ends(data: bytes) -> int:
-    return data.count(b"\n") + data.count(b"\r") - data.count(b"\r\n")
+        known = " but UTF-16" if file.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) else ""
+    place, line = 0, 1
+    # Python gives bytes that are no UTF-8 characters of their own, which no other bytes have.
+    with Path(path).open(encoding="utf-8", errors="surrogateescape", newline="") as file:
+        while text := file.readline(LONGEST_LINE):
+            good = _ESCAPED.split(text, maxsplit=1)[0]
+            place += len(good.encode())
+            if len(good) < len(text):
+                break
+            line += text.endswith(("\n", "\r"))
+    return ValueError(f"{path}:{line}: byte {place} is not UTF-8{known}: not a text file in UTF-8")
 
 
 def shown(text: str) -> str:
