@@ -25,7 +25,7 @@ from tracker.recordings.calibration_errors import (
     wrong_extrinsics,
     wrong_truth_unit,
 )
-from tracker.recordings.calibration_feet import CalibrationCase, Reference
+from tracker.recordings.calibration_feet import CalibrationCase
 from tracker.recordings.calibration_timing import shifted_frames, stretched_frames
 from tracker.recordings.calibration_verdict import doubts
 from tracker.recordings.image_check import image_findings, silent_frames
@@ -190,7 +190,7 @@ def _camera_check(case: CalibrationCase, name: str, camera: RecordingCamera) -> 
     feet, place = case.feet(name), camera.pose.translation
     inside, n = inside_area(feet.point, case.area), len(feet.frame)
     compared, distance = "", None
-    reference = Reference(case.truth.frame, case.truth.point) if case.truth is not None else case.others(name)
+    reference = case.reference(name)
     if len(reference.frames) and inside.any():
         known = reference.distances(feet.frame[inside], feet.point[inside], ABSENT)
         known = known[np.isin(feet.frame[inside], reference.frames)]

@@ -151,7 +151,7 @@ def wrong_boxes(case: CalibrationCase) -> Corrected | None:
 
 
 def _corrected(case: CalibrationCase, corrections: Corrections) -> Corrected | None:
-    found = _by_truth(case, corrections) if case.truth is not None else _by_agreement(case, corrections)
+    found = _each(case, corrections, case.reference) if case.truth is not None else _by_agreement(case, corrections)
     found = found or _by_heights(case, corrections)
     if not found:
         return None
@@ -194,12 +194,6 @@ def _best(trials: list[Trial], given: Trial, alone: bool = False) -> Trial | Non
     return max(good, key=lambda trial: trial.near.mean + trial.plausible, default=None)
 
 
-def _by_truth(case: CalibrationCase, corrections: Corrections) -> Found:
-    assert case.truth is not None
-    reference = Reference(case.truth.frame, case.truth.point)
-    return _each(case, corrections, lambda _: reference)
-
-
 def _each(case: CalibrationCase, corrections: Corrections, reference_for: Callable[[str], Reference], alone: bool = False) -> Found:
     """Each camera by itself."""
     found: Found = {}
@@ -219,9 +213,7 @@ def _by_heights(case: CalibrationCase, corrections: Corrections) -> Found:
 
 def _far_from_truth(case: CalibrationCase) -> bool:
     """Whether the feet of no camera are near the truth, so that it says nothing of cameras: it may itself have a wrong unit."""
-    assert case.truth is not None
-    reference = Reference(case.truth.frame, case.truth.point)
-    return all(nearness(case.sampled_feet(name), reference).mean < MORE for name in case.lenses)
+    return all(nearness(case.sampled_feet(name), case.reference(name)).mean < MORE for name in case.lenses)
 
 
 def _by_agreement(case: CalibrationCase, corrections: Corrections) -> Found:
@@ -314,11 +306,10 @@ def swapped_cameras(case: CalibrationCase) -> Corrected | None:
 
 def _order_by_truth(case: CalibrationCase) -> dict[str, str]:
     """Camera → the camera whose boxes fit its calibration, for those cameras whose own boxes do not. Best assignment of all."""
-    assert case.truth is not None
-    reference = Reference(case.truth.frame, case.truth.point)
-    own = {name: nearness(case.sampled_feet(name), reference) for name in case.lenses}
+    own = {name: nearness(case.sampled_feet(name), case.reference(name)) for name in case.lenses}
     names = sorted(case.lenses, key=lambda name: own[name].mean)[:MOST_CAMERAS]
-    near = {(a, b): own[a] if a == b else _with_boxes(case, a, b, reference) for a in names for b in names}
+    swapped = {(a, b): case.with_boxes_of({a: b}).sampled_feet(a) for a in names for b in names if a != b}
+    near = {(a, a): own[a] for a in names} | {pair: nearness(feet, case.reference(pair[0])) for pair, feet in swapped.items()}
     gain = np.array([[near[a, b].mean for b in names] for a in names])
     order = dict(zip(names, linear_sum_assignment(-gain)[1].tolist(), strict=True))
     out: dict[str, str] = {}
@@ -328,10 +319,6 @@ def _order_by_truth(case: CalibrationCase) -> dict[str, str]:
         if len(cycle) > 1 and better(reduce(add, new), reduce(add, old)) and all(n.mean > o.mean + MORE / 2 for n, o in zip(new, old, strict=True)):
             out |= {names[k]: names[order[names[k]]] for k in cycle}
     return {name: out[name] for name in case.lenses if name in out}
-
-
-def _with_boxes(case: CalibrationCase, name: str, other: str, reference: Reference) -> Nearness:
-    return nearness(case.with_boxes_of({name: other}).sampled_feet(name), reference)
 
 
 def _cycles(order: list[int]) -> Iterator[list[int]]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -283,9 +284,17 @@ class CalibrationCase:
         """The frame after the last one whose boxes are used."""
         return max((int(rays.frame.max()) + 1 for rays in self.rays.values() if len(rays.frame)), default=0)
 
-    def feet(self, name: str, extrinsics: Extrinsics | None = None) -> Feet:
-        """The feet of all boxes of a camera, under its own or other extrinsics."""
-        return project(self.rays[name], self.extrinsics[name] if extrinsics is None else extrinsics, self.ground)
+    @cached_property
+    def _true_people(self) -> Reference | None:
+        return None if self.truth is None else Reference(self.truth.frame, self.truth.point)
+
+    def reference(self, name: str) -> Reference:
+        """What the feet of a camera are compared with: the true people, or without truth the feet of all other cameras."""
+        return self.others(name) if self._true_people is None else self._true_people
+
+    def feet(self, name: str) -> Feet:
+        """The feet of all boxes of a camera."""
+        return project(self.rays[name], self.extrinsics[name], self.ground)
 
     def sample(self, name: str) -> Ints:
         """Rows of at most MOST_QUERIES boxes of a camera, in runs of successive frames that are spread over the recording."""

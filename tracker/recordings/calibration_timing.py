@@ -109,16 +109,13 @@ class Motion:
 def stretched_frames(case: CalibrationCase) -> Corrected | None:
     """Every n-th frame: the detections of all cameras, or of one, and the rest count frames of videos of different rates."""
     if case.truth is not None:
-        reference = Reference(case.truth.frame, case.truth.point)
-        found = _stretch(case, tuple(case.lenses), dict.fromkeys(case.lenses, reference))
+        found = _stretch(case, tuple(case.lenses))
         if found:
             return _stretched(case, tuple(case.lenses), found, "the truth")
     for name in case.lenses if len(case.lenses) > 1 else ():
-        truth = case.truth
-        reference = case.others(name) if truth is None else Reference(truth.frame, truth.point)
-        found = _stretch(case, (name,), {name: reference})
+        found = _stretch(case, (name,))
         if found:
-            return _stretched(case, (name,), found, "the other cameras" if truth is None else "the truth")
+            return _stretched(case, (name,), found, "the other cameras" if case.truth is None else "the truth")
     return None
 
 
@@ -136,9 +133,9 @@ def _phase(frame: Ints, divisor: int) -> int:
     return int(np.bincount(frame % divisor, minlength=divisor).argmax()) if len(frame) else 0
 
 
-def _stretch(case: CalibrationCase, names: tuple[str, ...], references: Mapping[str, Reference]) -> Numbering | None:
+def _stretch(case: CalibrationCase, names: tuple[str, ...]) -> Numbering | None:
     """The numbering that is clearly better, tried on some boxes and confirmed on more."""
-    feet = {name: case.sampled_feet(name) for name in names}
+    feet, references = {name: case.sampled_feet(name) for name in names}, {name: case.reference(name) for name in names}
 
     def near(numbering: Numbering, part: int) -> Nearness:
         parts = []

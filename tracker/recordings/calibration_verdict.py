@@ -56,9 +56,8 @@ def doubts(case: CalibrationCase, alone: bool = False) -> list[Doubt]:
         _below(names, lambda name: _inside(case, feet[name]), INSIDE, "of the boxes are in the area"),
     ]
     if case.truth is not None and not alone:
-        truth = Reference(case.truth.frame, case.truth.point)
         inside = {name: _known(feet[name], _in_area(case, feet[name])) for name in names}
-        out.append(_below(names, lambda name: _agreement(inside[name], truth), WITH_TRUTH, "agree with true people"))
+        out.append(_below(names, lambda name: _agreement(inside[name], case.reference(name)), WITH_TRUTH, "agree with true people"))
     if len(names) > 1 and not alone:
         out.append(_below(names, lambda name: _with_others(case, feet, name), WITH_CAMERAS, "agree with those of other cameras"))
     return [doubt for doubt in out if doubt is not None]
