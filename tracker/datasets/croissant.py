@@ -5,7 +5,6 @@ The same dataset gives the same bytes, because the file holds no date. https://d
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 from collections.abc import Mapping
@@ -15,6 +14,7 @@ from typing import Any
 
 from tracker.io.atomic import write_text
 from tracker.io.json_files import read_json
+from tracker.io.resume import checksum
 from tracker.sequence.dataset import sequences
 from tracker.sequence.schema import (
     BOXES,
@@ -206,7 +206,7 @@ def tables_of(folder: Path) -> dict[str, tuple[str, Mapping[str, type], str]]:
 
 def _manifest(folder: Path, prefix: str) -> dict[str, Any]:
     name = prefix + "manifest.json"
-    return _object(name, hashlib.sha256((folder / name).read_bytes()).hexdigest(), "application/json")
+    return _object(name, checksum(folder / name), "application/json")
 
 
 def _object(path: str, sha256: str, mime: str) -> dict[str, Any]:

@@ -6,7 +6,6 @@ A box in a panorama may exceed the width, where a body lies over the seam: its a
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracker.formats.exported_sequence import RecordedSequence, ltwh_from_edges
-from tracker.io.atomic import write_text
+from tracker.io.json_files import write_json
 from tracker.types import KEYPOINT_NAMES, Boxes, ViewTruth
 
 SKELETON = (
@@ -121,7 +120,7 @@ def export_coco(out: Path, recordings: Iterable[RecordedSequence]) -> list[str]:
             "images": images,
             "annotations": annotations,
         }
-        write_text(out / "annotations" / f"{recording.name}.json", json.dumps(whole, allow_nan=False) + "\n")
+        write_json(out / "annotations" / f"{recording.name}.json", whole)
     return []
 
 

@@ -10,7 +10,6 @@ The field pillars may be missing: [[x, y, radius, low, high], ...] m, upright cy
 
 from __future__ import annotations
 
-import json
 import os
 import re
 from collections.abc import Iterable
@@ -28,7 +27,7 @@ from tracker.geometry.ground import Flat, Grid, Ground
 from tracker.geometry.tsai import tsai_of
 from tracker.io.atomic import write_text
 from tracker.io.csv_tables import read_terrain
-from tracker.io.json_files import JsonObject, read_json
+from tracker.io.json_files import JsonObject, read_json, write_json
 from tracker.io.mot15 import LARGEST_PIXEL, MAX_FRAME, number, write_mot15
 from tracker.io.picture_folders import say_left_out, visible_files
 from tracker.io.resume import checksum
@@ -164,7 +163,7 @@ def write_site(folder: Path, site: Site, terrain: Path | None) -> None:
     if terrain is not None:
         (folder / TERRAIN).write_bytes(terrain.read_bytes())
     content = {"rate": site.rate, "area": site.area.tolist(), "terrain": TERRAIN if terrain is not None else None, "pillars": site.pillars.tolist()}
-    write_text(folder / FILE, json.dumps(content, indent=1, allow_nan=False) + "\n")
+    write_json(folder / FILE, content, indent=1)
 
 
 PETS_VIEWS = (1, 5, 7)

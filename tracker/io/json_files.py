@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tracker.io.atomic import write_text
 from tracker.io.text_files import LARGEST_NUMBER, not_utf8, shown
 
 LARGEST_JSON = 1 << 27
@@ -40,6 +41,11 @@ def read_json(path: Path, largest: int = LARGEST_JSON) -> Any:
     except UnicodeDecodeError:
         raise not_utf8(path) from None
     return _parsed(text, str(path), f"{path}:{{line}}")
+
+
+def write_json(path: Path, value: Any, indent: int | None = None) -> None:
+    """Write a value as JSON atomically; read_json reads it. Raises ValueError for numbers that are not finite."""
+    write_text(path, json.dumps(value, indent=indent, allow_nan=False) + "\n")
 
 
 def json_text(value: Any, indent: int | None = None) -> str:

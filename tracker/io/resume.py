@@ -30,8 +30,9 @@ LONGEST = 80
 
 
 def checksum(file: Path) -> str:
-    """SHA-256 of a file: a run names its inputs by it."""
-    return hashlib.sha256(file.read_bytes()).hexdigest()
+    """SHA-256 of a file, read in parts: runs name their inputs by it, and manifests their files."""
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def checksums(folder: Path, files: Iterable[Path]) -> dict[str, str]:

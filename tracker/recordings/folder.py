@@ -26,10 +26,9 @@
 
 from __future__ import annotations
 
-import json
 import re
 import shutil
-from collections.abc import Collection, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -38,9 +37,9 @@ import numpy as np
 
 from tracker.geometry import Array, Ints, Mask, Pose
 from tracker.geometry.ground import Flat, Ground
-from tracker.io.atomic import new_file, write_text
+from tracker.io.atomic import new_file
 from tracker.io.csv_tables import read_terrain, rows_by_frame, write_table
-from tracker.io.json_files import JsonObject, read_json
+from tracker.io.json_files import JsonObject, read_json, write_json
 from tracker.io.mot15 import (
     VISIBLE_FILE,
     Mot15Rows,
@@ -185,11 +184,10 @@ def _searched(given: Any, cameras: Mapping[str, RecordingCamera], where: str) ->
     return out
 
 
-def _runs(frames: Collection[int]) -> list[list[int]]:
+def runs_of(frames: Iterable[int]) -> list[list[int]]:
     """Frames from 0 as runs [first, last] from 1."""
-    ordered = sorted(frames)
-    starts = [frame for frame in ordered if frame - 1 not in frames]
-    ends = [frame for frame in ordered if frame + 1 not in frames]
+    known = set(map(int, frames))
+    starts, ends = (sorted(frame for frame in known if frame + step not in known) for step in (-1, 1))
     return [[a + 1, b + 1] for a, b in zip(starts, ends, strict=True)]
 
 
@@ -377,11 +375,11 @@ def write_recording(folder: Path, recording: Recording) -> None:
     if recording.area is not None:
         content["area"] = np.asarray(recording.area).tolist()
     if recording.searched:
-        content["searched"] = {name: _runs(frames) for name, frames in recording.searched.items()}
+        content["searched"] = {name: runs_of(frames) for name, frames in recording.searched.items()}
     content["ground"] = _write_ground(folder, recording)
     content["height"] = list(recording.height)
     content["cameras"] = {name: camera_to(camera) | clock_fields(recording.clocks.get(name)) for name, camera in recording.cameras.items()}
-    write_text(folder / FILE, json.dumps(content, indent=1, allow_nan=False) + "\n")
+    write_json(folder / FILE, content, indent=1)
     (folder / "detections").mkdir()
     for name, boxes in recording.detections.items():
         write_mot15(folder / "detections" / f"{name}.txt", rows_from_boxes({frame + 1: of_frame for frame, of_frame in boxes.items()}))
@@ -459,7 +457,7 @@ def _write_robots(folder: Path, recording: Recording) -> None:
             continue
         row = pose_row(robot.start.T_world_robot)
         entries[name] = {"start": {"position": row[:3], "quaternion": row[3:], "covariance": robot.start.covariance.tolist()}}
-    write_text(folder / "robots.json", json.dumps(entries, indent=1, allow_nan=False) + "\n")
+    write_json(folder / "robots.json", entries, indent=1)
     motions = [(f, name, odometry) for name, robot in recording.robots.items() for f, odometry in robot.odometry.items()]
     write_table(
         folder / "odometry.csv", list(ODOMETRY), [odometry_row(f + 1, name, odometry) for f, name, odometry in sorted(motions, key=lambda m: m[:2])]

@@ -15,6 +15,7 @@ from tracker.io.image_files import image_size
 from tracker.io.time_order import say
 from tracker.io.video_files import frame_times
 from tracker.recordings.calibration_errors import Finding
+from tracker.recordings.folder import runs_of
 from tracker.recordings.images import ImageFiles, ImageSource, VideoFile
 from tracker.recordings.recording import FrameBoxes, Recording, RecordingCamera
 
@@ -69,12 +70,7 @@ def _silent(counts: Array, known: Array) -> Ints:
 
 def _named(frames: Iterable[int]) -> str:
     """Frames from 0 as runs from 1, the first NAMED of them."""
-    runs: list[list[int]] = []
-    for frame in frames:
-        if runs and runs[-1][1] == frame:
-            runs[-1][1] += 1
-        else:
-            runs.append([int(frame) + 1, int(frame) + 1])
+    runs = runs_of(frames)
     shown = [f"{a}" if a == b else f"{a}-{b}" for a, b in runs[:NAMED]]
     return ", ".join(shown) + (f" and {len(runs) - NAMED} more runs" if len(runs) > NAMED else "")
 

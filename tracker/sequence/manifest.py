@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from tracker.io.json_files import read_json
+from tracker.io.resume import checksum
 from tracker.sequence.schema import READABLE_SCHEMAS, REQUIRED_FILES
 
 
@@ -50,10 +51,8 @@ def check_file(folder: Path, name: str, entry: Mapping[str, Any], sums: bool = T
         raise ValueError(f"{file}: is a link to outside the folder")
     if file.stat().st_size != entry["bytes"]:
         raise ValueError(f"{file}: {file.stat().st_size} bytes, the manifest says {entry['bytes']}: truncated or changed")
-    if sums:
-        with file.open("rb") as content:
-            if hashlib.file_digest(content, "sha256").hexdigest() != entry["sha256"]:
-                raise ValueError(f"{file}: its SHA-256 is not the manifest's: changed")
+    if sums and checksum(file) != entry["sha256"]:
+        raise ValueError(f"{file}: its SHA-256 is not the manifest's: changed")
 
 
 def schema_fault(schema: object) -> str:

@@ -18,6 +18,7 @@ from tracker.geometry.ground import Flat, Ground
 from tracker.io.csv_tables import read_terrain, rows_by_frame
 from tracker.io.image_files import decode_image
 from tracker.io.json_files import read_json
+from tracker.io.resume import checksum
 from tracker.sequence.calibration import pose_from, setup_from
 from tracker.sequence.manifest import check_file, read_manifest
 from tracker.sequence.schema import DETECTIONS, LAYERS, ODOMETRY, POSE, ROBOT_DETECTIONS, ROBOTS, SITS, UPPER_TRIANGLE
@@ -25,10 +26,6 @@ from tracker.sequence.truth_tables import people_columns_of
 from tracker.types import Detections, Mount, Odometry, RobotDetections, Sequence, Setup, Tick, Truth, View
 
 T = TypeVar("T")
-
-
-def _sha256(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()
 
 
 def read_sequence(folder: Path) -> Sequence:
@@ -48,7 +45,7 @@ def read_contents(folder: Path, files: dict[str, Any]) -> Sequence:
     setup = _read_setup(folder, *read_terrain(folder / "terrain.npz"))
     truth = _read_truth(folder, setup)
     ticks = _DiskTicks(folder, setup, len(truth), files)
-    provenance = {"scenario": read_json(folder / "scenario.json"), "manifest": _sha256((folder / "manifest.json").read_bytes())}
+    provenance = {"scenario": read_json(folder / "scenario.json"), "manifest": checksum(folder / "manifest.json")}
     return Sequence(setup, ticks, truth, provenance)
 
 
@@ -154,7 +151,7 @@ def image_bytes(folder: Path, stem: str, files: dict[str, Any]) -> tuple[bytes, 
     if name is None:
         raise ValueError(f"{folder / stem}.jpg: the manifest does not name it, nor a .png")
     data = (folder / name).read_bytes()
-    if _sha256(data) != files[name]["sha256"]:
+    if hashlib.sha256(data).hexdigest() != files[name]["sha256"]:
         raise ValueError(f"{folder / name}: its SHA-256 is not the manifest's: truncated or changed")
     return data, folder / name
 

@@ -5,8 +5,6 @@ README.md in that folder (schema.README) describes each file and column.
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +20,8 @@ from tracker.geometry.ground import Grid
 from tracker.io.atomic import Kept, begin_folder, discard_folder, finish_folder, unfinished_path
 from tracker.io.csv_tables import write_arrays, write_table
 from tracker.io.image_files import JPEG, PNG, PNG_RUN_LENGTH, RANGE, ImageWriter, range_counts
+from tracker.io.json_files import write_json
+from tracker.io.resume import checksum
 from tracker.io.tsai_xml import write_camera
 from tracker.io.video_files import VideoWriters
 from tracker.sequence.calibration import calibration_of, pose_row
@@ -263,16 +263,16 @@ class SequenceWriter:
         notes += PLACE_README if (root / PLACE_FILE).is_file() else ""
         (root / "README.md").write_text(README + notes, encoding="utf-8")
         if self.sensors and self.sensors.description:
-            _write_json(root / "sensors.json", dict(self.sensors.description))
-        _write_json(root / "scenario.json", provenance)
-        _write_json(root / "calibration.json", calibration_of(self.setup))
+            write_json(root / "sensors.json", dict(self.sensors.description), indent=1)
+        write_json(root / "scenario.json", provenance, indent=1)
+        write_json(root / "calibration.json", calibration_of(self.setup), indent=1)
         if self._true_setup is not self.setup:
-            _write_json(root / "truth" / "calibration.json", calibration_of(self._true_setup))
+            write_json(root / "truth" / "calibration.json", calibration_of(self._true_setup), indent=1)
         paths = [path.relative_to(root).as_posix() for path in sorted(root.rglob("*")) if path.is_file()]
-        sums = {name: self.images.checksums.get(name) or _checksum(root / name) for name in paths}
+        sums = {name: self.images.checksums.get(name) or (checksum(root / name), (root / name).stat().st_size) for name in paths}
         files = {name: {"sha256": sha256, "bytes": size} for name, (sha256, size) in sums.items()}
         manifest = {"schema": SCHEMA, "versions": versions, "files": files}
-        _write_json(root / "manifest.json", manifest | {"sum": manifest_checksum(manifest)})
+        write_json(root / "manifest.json", manifest | {"sum": manifest_checksum(manifest)}, indent=1)
         finish_folder(self.folder, self.partial)
 
     def _write_calibrations(self) -> None:
@@ -282,12 +282,3 @@ class SequenceWriter:
             if isinstance(mount.camera, Tsai) and start is not None and self.setup.is_fixed(mount.robot):
                 (self.partial / "calibration").mkdir(exist_ok=True)
                 write_camera(self.partial / "calibration" / f"{name}.xml", name, mount.camera, start.T_world_robot @ mount.T_body_camera)
-
-
-def _checksum(path: Path) -> tuple[str, int]:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest(), path.stat().st_size
-
-
-def _write_json(path: Path, value: object) -> None:
-    path.write_text(json.dumps(value, indent=1, allow_nan=False) + "\n", encoding="utf-8")

@@ -14,7 +14,6 @@ and pitch, roll, yaw in radians in `3d bounding box rotation`. Boxes in images a
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -29,7 +28,7 @@ from tracker.geometry.camera_protocol import MAX_SIDE
 from tracker.geometry.lenses import Pinhole
 from tracker.io.atomic import write_text
 from tracker.io.csv_tables import check_rows, faults_at_lines, read_rows
-from tracker.io.json_files import JsonObject, read_json
+from tracker.io.json_files import JsonObject, read_json, write_json
 from tracker.io.mot15 import number
 from tracker.recordings import RecordingCamera
 from tracker.recordings.camera_json import MATRIX, intrinsics, rotation
@@ -168,7 +167,7 @@ def write_calibration(path: Path, rate: float, cameras: Mapping[str, RecordingCa
                 "homography": (homography / (homography[2, 2] or 1.0)).tolist(),
             }
         )
-    write_text(path, json.dumps({"calibrationType": "cartesian", "sensors": sensors}, indent=1, allow_nan=False) + "\n")
+    write_json(path, {"calibrationType": "cartesian", "sensors": sensors}, indent=1)
 
 
 def read_ground_truth(path: Path) -> dict[int, list[AiCityObject]]:
@@ -249,7 +248,7 @@ def write_ground_truth(path: Path, truth: Mapping[int, Iterable[AiCityObject]]) 
         ]
         for frame, objects in sorted(truth.items())
     }
-    write_text(path, json.dumps(frames, allow_nan=False) + "\n")
+    write_json(path, frames)
 
 
 def read_results(path: Path) -> AiCityRows:

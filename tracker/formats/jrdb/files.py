@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -17,8 +16,7 @@ import numpy as np
 
 from tracker.geometry import Array, wrap
 from tracker.geometry.camera_protocol import MAX_SIDE
-from tracker.io.atomic import write_text
-from tracker.io.json_files import JsonObject, read_json
+from tracker.io.json_files import JsonObject, read_json, write_json
 from tracker.io.text_files import parse_number
 from tracker.sequence.calibration import MAX_RATE, MIN_RATE
 
@@ -88,7 +86,7 @@ def write_labels_2d(path: Path, labels: Labels2d, width: int, note: PanoramaNote
     content: dict[str, Any] = {"labels": frames}
     if note is not None:
         content["pilsim"] = asdict(note)
-    write_text(path, json.dumps(content, allow_nan=False) + "\n")
+    write_json(path, content)
 
 
 def read_note(path: Path) -> PanoramaNote | None:
@@ -131,7 +129,7 @@ def _label_2d(label: JsonObject) -> Label2d:
 def write_labels_3d(path: Path, labels: Labels3d) -> None:
     """Write frame → labels as a file of labels_3d."""
     frames = {f"{frame:06d}.pcd": [_json_3d(label) | {"file_id": f"{frame:06d}.pcd"} for label in labels[frame]] for frame in sorted(labels)}
-    write_text(path, json.dumps({"labels": frames}, allow_nan=False) + "\n")
+    write_json(path, {"labels": frames})
 
 
 def _json_3d(label: Label3d) -> dict[str, Any]:
@@ -161,7 +159,7 @@ def write_detections_2d(path: Path, detections: Mapping[int, tuple[Array, Array]
         pairs = enumerate(zip(boxes.tolist(), scores.tolist(), strict=True))
         name = f"{frame:06d}.jpg"
         frames[name] = [{"box": box, "file_id": name, "label_id": f"{_DETECTION}{k}", "score": score} for k, (box, score) in pairs]
-    write_text(path, json.dumps({"detections": frames}, allow_nan=False) + "\n")
+    write_json(path, {"detections": frames})
 
 
 def read_detections_2d(path: Path) -> dict[int, tuple[Array, Array]]:

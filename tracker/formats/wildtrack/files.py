@@ -6,7 +6,6 @@ Frames and views count from 0, camera files from 1. positionID = gx + columns ·
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,8 +17,7 @@ import numpy as np
 from tracker.geometry import Array, Ints, Pose, set_array
 from tracker.geometry.cameras import Camera, Pinhole
 from tracker.geometry.tsai import opencv_intrinsics
-from tracker.io.atomic import write_text
-from tracker.io.json_files import LARGEST_ID, JsonObject, read_json
+from tracker.io.json_files import LARGEST_ID, JsonObject, read_json, write_json
 from tracker.io.xml_files import parse
 from tracker.recordings import RecordingCamera
 from tracker.recordings.camera_json import intrinsics
@@ -90,7 +88,7 @@ def write_positions(path: Path, people: Iterable[WildtrackPosition]) -> None:
         views = [{"viewNum": k} | dict(zip(_EDGES, box, strict=True)) for k, box in enumerate(one.boxes.tolist())]
         entry: dict[str, Any] = {"personID": one.person, "positionID": one.position, "views": views}
         entries.append(entry if one.feet is None else entry | {"feet": one.feet.tolist()})
-    write_text(path, json.dumps(entries, indent=1, allow_nan=False) + "\n")
+    write_json(path, entries, indent=1)
 
 
 def read_positions(path: Path) -> list[WildtrackPosition]:
@@ -200,7 +198,7 @@ def write_config(path: Path, grid: GroundGrid, cameras: int, frames: int, size: 
     }
     if rate is not None:
         content["rate"] = rate
-    write_text(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+    write_json(path, content, indent=1)
 
 
 def read_ground_grid(path: Path) -> GroundGrid:
