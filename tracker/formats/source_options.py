@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from tracker.io.json_files import JsonObject
 from tracker.recordings.degradation import BoxNoise, Degradation
 
 
@@ -94,17 +95,11 @@ class SourceOptions:
     @staticmethod
     def of_run(run: Mapping[str, Any]) -> SourceOptions:
         """The options that to_run wrote, or pilsim 0.3.0 with its numbers of views. Raises ValueError for other content."""
-        cameras, detections = run.get("cameras", run.get("views", [])), run.get("detections", [])
-        degrade, seed, frames = run.get("degrade", ""), run.get("seed", 0), run.get("frames_read", "")
-        if not isinstance(cameras, list) or not isinstance(detections, list):
-            raise ValueError("run.json: cameras and detections need to be lists")
-        if not isinstance(degrade, str) or not isinstance(seed, int) or not isinstance(frames, str):
-            raise ValueError("run.json: degrade, frames_read and seed need to be two texts and a whole number")
-        project = run.get("project")
-        if not (project is None or isinstance(project, str)):
-            raise ValueError(f"run.json: project is {project!r}, needs a text")
-        pixels = run.get("detector") == "pixels"
-        return SourceOptions.parse(map(str, detections), degrade, seed, ",".join(map(str, cameras)), frames, project=project, pixels=pixels)
+        fields = JsonObject(dict(run), "run.json")
+        cameras, detections, views = (fields.maybe(name, list) or [] for name in ("cameras", "detections", "views"))
+        degrade, frames = (fields.maybe(name, str) or "" for name in ("degrade", "frames_read"))
+        project, pixels, names = fields.maybe("project", str), run.get("detector") == "pixels", ",".join(map(str, cameras or views))
+        return SourceOptions.parse(map(str, detections), degrade, fields.maybe("seed", int) or 0, names, frames, project=project, pixels=pixels)
 
 
 def _names(text: str) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ import numpy as np
 from tracker.geometry import Mask, Pose, quaternion_from_rotation, rotation_from_quaternion
 from tracker.geometry.cameras import Camera, Cylinder, Fisheye, Panorama, Pinhole, Tsai
 from tracker.geometry.ground import Ground
+from tracker.io.json_files import JsonObject
 from tracker.types import Mount, Setup, Start
 
 MAX_RATE, MIN_RATE = 1e4, 1e-4
@@ -57,17 +58,12 @@ def calibration_of(setup: Setup) -> dict[str, Any]:
 
 def setup_from(calibration: Mapping[str, Any], ground: Ground, occluders: Ground | None) -> Setup:
     """The setup that calibration_of wrote, with ground and occluders. Raises KeyError, TypeError or ValueError for other content."""
-    mounts = {
-        name: Mount(
-            _camera_from(entry),
-            pose_from(entry["T_body_camera"]),
-            entry["robot"],
-            _seconds(name, entry, "readout"),
-            _seconds(name, entry, "exposure"),
-            own_body=own_body_from(entry, f"own_body of camera {name!r}"),
-        )
-        for name, entry in calibration["cameras"].items()
-    }
+    mounts = {}
+    for name, entry in calibration["cameras"].items():
+        fields = JsonObject(entry, f"camera {name!r}")
+        readout, exposure = (fields.number(key, 0.0, 1.0, "seconds") if key in entry else 0.0 for key in ("readout", "exposure"))
+        own_body = own_body_from(entry, f"own_body of camera {name!r}")
+        mounts[name] = Mount(_camera_from(entry), pose_from(entry["T_body_camera"]), entry["robot"], readout, exposure, own_body=own_body)
     starts = {
         name: Start(pose_from(entry["T_world_robot"]), np.array(entry["covariance"])) if entry else None
         for name, entry in calibration["starts"].items()
@@ -96,14 +92,6 @@ def own_body_from(entry: Mapping[str, Any], where: str) -> Mask | None:
     if len({len(row) for row in rows}) > 1:
         raise ValueError(f"{where} has rows of several lengths, needs one")
     return np.array([[cell == "1" for cell in row] for row in rows])
-
-
-def _seconds(name: str, entry: Mapping[str, Any], key: str) -> float:
-    """Readout time or exposure of a camera, s; 0 where the file names none. Raises ValueError outside [0, 1]."""
-    value = entry.get(key, 0.0)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= 1:
-        raise ValueError(f"{key} of camera {name!r} is {str(value)[:40]} s, needs 0 to 1")
-    return float(value)
 
 
 def _camera_json(camera: Camera) -> dict[str, Any]:
