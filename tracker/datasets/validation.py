@@ -6,14 +6,14 @@ Files are of unknown origin: sizes are checked before memory is allocated for th
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tracker.datasets.validation_tables import inconsistencies, sensor_faults
+from tracker.datasets.validation_tables import Progress, inconsistencies, sensor_faults
 from tracker.geometry.cameras import Tsai
 from tracker.io.atomic import is_temporary
 from tracker.io.json_files import read_json
@@ -26,8 +26,6 @@ from tracker.types import Sequence
 
 PICTURE = "twin.png"
 """A picture that the synthetic twin of PETS 2009 has beside the files of its manifest."""
-Progress = Callable[[Iterable[Any], str, int], Iterable[Any]]
-"""Wraps an iterable, with its name and length, to show progress."""
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from tracker.types import VISIBLE, ImuSamples, SensorSetup, Sequence, Setup, Tru
 
 Finding = tuple[Path, str]
 Progress = Callable[[Iterable[Any], str, int], Iterable[Any]]
+"""Wraps an iterable, with its name and length, to show progress."""
 LARGEST_ID = (1 << 16) - 1
 LAYER_TYPES: dict[str, type] = {"instances": np.uint16, "range": np.uint16, "classes": np.uint8}
 JOINT_STEP = 1e-4

@@ -193,9 +193,7 @@ class RecordedSequence:
     @staticmethod
     def encoded(pixels: NDArray[Any], suffix: str) -> bytes:
         """Pixels (H, W) or (H, W, 3), blue, green, red, as the bytes of a JPEG (quality 95) or PNG file."""
-        success, encoded = cv2.imencode(suffix, pixels, _OPTIONS[suffix])
-        assert success
-        return bytes(encoded.tobytes())
+        return image_files.encoded(f"image{suffix}", pixels, _OPTIONS[suffix])
 
     def stamps(self, epoch: int = 0) -> list[int]:
         """Time of each frame in nanoseconds. epoch: the time of frame 0, whole seconds."""

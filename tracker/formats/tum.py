@@ -16,9 +16,7 @@ COLUMNS = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 
 
 def write_tum(path: str | os.PathLike[str], times: Sequence[float] | Array, poses: Sequence[Pose]) -> None:
-    """Write times (n,) s and n poses T_world_body atomically. Raises ValueError where the lengths differ."""
-    if len(times) != len(poses):
-        raise ValueError(f"trajectory has {len(poses)} poses, needs {len(times)}")
+    """Write times (n,) s and n poses T_world_body atomically."""
     lines = ["# " + " ".join(COLUMNS) + "\n"]
     for time, pose in zip(times, poses, strict=True):
         w, x, y, z = quaternion_from_rotation(pose.rotation)

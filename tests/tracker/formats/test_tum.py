@@ -8,7 +8,6 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.tracker.formats.scene import FRAMES, RATE
-from tracker.formats.tum import write_tum
 from tracker.geometry import Pose, rotation_from_quaternion
 from tracker.metrics.trajectory import score_robots
 from tracker.sequence.reader import read_sequence
@@ -58,8 +57,3 @@ def test_poses_equal_the_sequence(sequence: Path, exported: Exported) -> None:
         assert_allclose(pose.rotation, truth.T_world_robot["robot_0"].rotation, atol=1e-12)
         assert_allclose((camera.inverse() @ pose @ mount.T_body_camera).log(), 0, atol=1e-9)
     assert sorted(p.name for p in (exported("tum") / "plaza").iterdir()) == ["robot_0.txt", "robot_0_camera.txt", "robot_0_odometry.txt"]
-
-
-def test_lengths_are_checked(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="has 1 poses, needs 2"):
-        write_tum(tmp_path / "t.tum", [0.0, 1.0], [Pose.identity()])
