@@ -37,11 +37,6 @@ class Export:
     options: tuple[str, ...] = ()
 
 
-def _never(path: Path) -> bool:
-    """Of formats as which no folder is opened."""
-    return False
-
-
 @dataclass(frozen=True)
 class Format:
     """A format.
@@ -55,7 +50,7 @@ class Format:
     name: str
     title: str
     page: str
-    matches: Callable[[Path], bool] = _never
+    matches: Callable[[Path], bool]
     read: Callable[[Path, SourceOptions, bool], Recording] | None = None
     calibration: str = ""
     export: Export | None = None
@@ -66,12 +61,7 @@ def is_sequence(path: Path) -> bool:
     return (path / "manifest.json").is_file()
 
 
-def _written(page: str, export: Export) -> Format:
-    """A format that is only written."""
-    return Format(export.name, export.title, page, export=export)
-
-
-FORMATS = (
+SOURCES = (
     Format(PILSIM, "a sequence of pilsim (manifest.json)", "pilsim sequence", is_sequence),
     Format(
         "recording",
@@ -118,16 +108,19 @@ FORMATS = (
         "calibration",
         Export("pets", "PETS 2009", pets2009.README, pets2009.export_pets),
     ),
-    _written("MOT15, 2-D and 3-D", Export("mot15", "MOTChallenge 2015, 2-D and 3-D", motchallenge.README15, motchallenge.export_mot15)),
-    _written("MOT17, MOT20", Export("mot17", "MOTChallenge 2017", motchallenge.README17, motchallenge.export_mot17)),
-    _written("COCO", Export("coco", "COCO", coco.README, coco.export_coco)),
-    _written("TUM", Export("tum", "TUM trajectories", tum.README, tum.export_tum)),
-    _written("EuRoC MAV", Export("euroc", "EuRoC MAV data", euroc.README, euroc.export_euroc, ("epoch", "faces"))),
-    _written("KITTI odometry", Export("kitti", "KITTI odometry", kitti.README, kitti.export_kitti)),
-    _written("COLMAP", Export("colmap", "COLMAP", colmap.README, colmap.export_colmap)),
-    _written("MCAP, ROS 1, ROS 2", Export("mcap", "MCAP with ROS 2 messages", scene.README, scene.export_mcap, ("epoch",))),
 )
-"""All formats; those that are opened stand first, in the order in which a folder is compared with them."""
-SOURCES = tuple(form for form in FORMATS if form.matches is not _never)
+"""The formats that are opened, in the order in which a folder is compared with them."""
+WRITTEN = {
+    "MOT15, 2-D and 3-D": Export("mot15", "MOTChallenge 2015, 2-D and 3-D", motchallenge.README15, motchallenge.export_mot15),
+    "MOT17, MOT20": Export("mot17", "MOTChallenge 2017", motchallenge.README17, motchallenge.export_mot17),
+    "COCO": Export("coco", "COCO", coco.README, coco.export_coco),
+    "TUM": Export("tum", "TUM trajectories", tum.README, tum.export_tum),
+    "EuRoC MAV": Export("euroc", "EuRoC MAV data", euroc.README, euroc.export_euroc, ("epoch", "faces")),
+    "KITTI odometry": Export("kitti", "KITTI odometry", kitti.README, kitti.export_kitti),
+    "COLMAP": Export("colmap", "COLMAP", colmap.README, colmap.export_colmap),
+    "MCAP, ROS 1, ROS 2": Export("mcap", "MCAP with ROS 2 messages", scene.README, scene.export_mcap, ("epoch",)),
+}
+"""Page → the export of a format that is only written."""
+FORMATS = (*SOURCES, *(Format(export.name, export.title, page, lambda _: False, export=export) for page, export in WRITTEN.items()))
 EXPORTS = {form.export.name: form.export for form in FORMATS if form.export is not None}
 """Name after --format → export."""

@@ -9,11 +9,10 @@ from xml.sax import SAXParseException
 from xml.sax.handler import ContentHandler
 from xml.sax.xmlreader import AttributesImpl
 
-import numpy as np
 from defusedxml.common import DefusedXmlException
 from defusedxml.expatreader import DefusedExpatParser
 
-from tracker.io.text_files import LARGEST_NUMBER, shown
+from tracker.io.text_files import parse_number
 
 MAX_BYTES = 64 * 2**20
 MAX_DEPTH = 32
@@ -55,15 +54,7 @@ class Element:
 
     def number(self, *names: str) -> float:
         """As `text`, as a finite number."""
-        text = self.text(*names)
-        try:
-            value = float(text)
-        except ValueError:
-            value = np.nan
-        if "_" in text or not abs(value) <= LARGEST_NUMBER:
-            bound = f"at most {LARGEST_NUMBER:g}" if np.isfinite(value) and "_" not in text else "a finite number"
-            raise ValueError(f"{self.where}:line {self.line}: field {self.tag}.{names[0]} is {shown(text)}, needs {bound}")
-        return value
+        return parse_number(self.text(*names), f"{self.where}:line {self.line}: field {self.tag}.{names[0]}")
 
     def integer(self, name: str) -> int:
         """An attribute as a whole number below LARGEST_INTEGER."""

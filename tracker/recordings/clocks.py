@@ -130,10 +130,6 @@ class Schedule:
         least = 1e-6 * np.arange(self.frames)
         return np.asarray(np.maximum.accumulate(regular + late - least) + least)
 
-    def leads_to(self, name: str) -> dict[int, int]:
-        """Own frame of a camera → the frame of the recording that its tick leads to."""
-        return {tick.frames[name]: tick.frame for tick in self.ticks() if name in tick.frames}
-
     def ticks(self) -> list[TickViews]:
         """All ticks in order. Views of one camera are never in one tick, nor are two frames."""
         events: list[Event] = [Event(float(time), "", k) for k, time in enumerate(self.times)]

@@ -369,7 +369,7 @@ class Recording:
         """The own frames of a camera, first and end, that lead to the frames from `first` to `end` − 1 of the recording."""
         if name not in self.clocks or self.cameras[name].robot is not None or self._common_stamps:
             return first, end
-        inside = [f for f, k in self.schedule.leads_to(name).items() if first <= k < end]
+        inside = [tick.frames[name] for tick in self.schedule.ticks() if name in tick.frames and first <= tick.frame < end]
         return (min(inside), max(inside) + 1) if inside else (0, 0)
 
     def _cut_clock(self, name: str, span: tuple[int, int], begin: float) -> CameraClock:

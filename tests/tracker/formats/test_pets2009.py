@@ -133,7 +133,7 @@ def test_distortion_without_inverse_is_refused(written: Callable[[str], Path]) -
     [
         ('focal="5.5549183034e+00" ', "", "line 4: field Intrinsic.focal is missing"),
         ('rz="-0.43056124791"', "", "line 5: field Extrinsic.rz is missing"),
-        ('kappa1="5.1113043639e-03"', 'kappa1="nan"', "line 4: field Intrinsic.kappa1 is 'nan', needs a finite number"),
+        ('kappa1="5.1113043639e-03"', 'kappa1="nan"', "line 4: field Intrinsic.kappa1 is nan, needs a finite number"),
         ('width="768"', 'width="768.5"', "line 3: field Geometry.width is 768.5, needs a whole number"),
         ('width="768"', 'width="0"', "field image size is 0 x 576"),
         ('sx="1.0937855397e+00"', 'sx="-1"', "field sx is -1.0, needs more than 0"),

@@ -18,6 +18,7 @@ from tracker.geometry import Array, Ints, Pose, set_array
 from tracker.geometry.cameras import Camera, Pinhole
 from tracker.geometry.tsai import opencv_intrinsics
 from tracker.io.json_files import LARGEST_ID, JsonObject, read_json, write_json
+from tracker.io.text_files import parse_number
 from tracker.io.xml_files import parse
 from tracker.recordings import RecordingCamera
 from tracker.recordings.camera_json import intrinsics
@@ -174,13 +175,10 @@ def _stored(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> list[Array]:
 
 
 def _numbers(text: str, where: str) -> Array:
-    """Numbers between blanks. Raises ValueError for anything else, and for numbers that are not finite."""
-    try:
-        values = np.array([float(word) for word in text.split()], dtype=np.float64)
-    except ValueError as error:
-        raise ValueError(f"{where}: {str(error)[:80]}, needs numbers") from None
+    """Numbers between blanks. Raises ValueError for anything else, and for numbers that are not finite or too large."""
+    values = np.array([parse_number(word, where) for word in text.split()], dtype=np.float64)
     if not (np.abs(values) <= LARGEST_ID).all():
-        raise ValueError(f"{where} is {values.tolist()[:12]}, needs finite numbers")
+        raise ValueError(f"{where} is {values.tolist()[:12]}, needs numbers of at most {LARGEST_ID}")
     return values
 
 

@@ -115,7 +115,7 @@ def test_invalid_annotation_is_refused(tmp_path: Path, text: str, message: str) 
     ("text", "message"),
     [
         ("<rvec>3</rvec>", r"line 3: rvec has shape \(1, 1\), needs 3 numbers"),
-        ("<rvec>0 0 up</rvec>", "line 3: rvec: could not convert string to float: 'up', needs numbers"),
+        ("<rvec>0 0 up</rvec>", "line 3: rvec is 'up', needs a number"),
     ],
 )
 def test_invalid_calibrations_are_refused(tmp_path: Path, text: str, message: str) -> None:
