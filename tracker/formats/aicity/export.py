@@ -147,8 +147,7 @@ def export_results(folder: Path, out: Path, scene: int | None = None) -> int:
     """Write the results in `folder` as RESULT_FILE, that of a submission, with a README.md into `out` atomically. Returns the scene.
 
     scene: scene_id; without it the number in the name of the source.
-    Raises ValueError as read_results, for a negative scene, for an `out` that is not empty or lies in `folder`, and where another process
-    writes into it.
+    Raises ValueError as read_results, as export_folder, and for a negative scene.
     """
     results = read_results(folder)
     number = scene_of(results) if scene is None else scene
