@@ -78,15 +78,10 @@ class Placement(gymnasium.Env[Observation, Array]):
 
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Advance by one decision. Raises ResetNeeded before `reset` and after the end, and ValueError for a wrong shape or an infinite action."""
-        if self.episode is None:
-            raise ResetNeeded("step is called before reset, or after the end of the episode: call reset first")
-        return self.decide(checked_action(action, (self.config.robots, 2)))
-
-    def decide(self, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """As `step`, for an action that is checked, between `reset` and the end."""
         episode = self.episode
-        assert episode is not None
-        terms = episode.step(action)
+        if episode is None:
+            raise ResetNeeded("step is called before reset, or after the end of the episode: call reset first")
+        terms = episode.step(checked_action(action, (self.config.robots, 2)))
         if callable(self.reward) or GOSPA in self.reward:
             terms = terms | {GOSPA: episode.relative_gospa()}
         reward = reward_of(self.reward, terms)

@@ -6,7 +6,7 @@ Kinematics have limited accelerations, collisions, poses on sloping ground, and 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -19,7 +19,7 @@ from sim.placement.config import DRIVING_STEPS, SPEED, TRAVELLED, TURNED, YAW, Y
 from sim.placement.information import NEAR_MISSES, States
 from sim.placement.map import CACHED_MAPS, PlacementMap, bilinear_at, height_on
 from sim.placement.roadmap import is_free, steer
-from sim.robots.driving import ACCELERATION, YAW_ACCELERATION, DriveState, Motion, Route, Traffic
+from sim.robots.driving import ACCELERATION, YAW_ACCELERATION, DriveState, Motion, Route, Traffic, accelerated
 from sim.robots.rover import FOOTPRINT_RADIUS, HALF_WIDTH, SPRUNG_MASS, WHEEL_RADIUS, wheel_positions
 from sim.scenario import Scenario
 from sim.simulation.initial_states import InitialStates
@@ -278,10 +278,7 @@ class VelocityDriver:
         return DriveState(Route.through(np.stack([position, position])), 0.0, 0, 0.0, 0.0, 0.0, 0.0)
 
     def step(self, drive: DriveState, motion: Motion, traffic: Traffic, dt: float) -> DriveState:
-        dv, dw = ACCELERATION * dt, YAW_ACCELERATION * dt
-        brake = 2.0 if abs(self.speed) < abs(drive.speed) else 1.0
-        speed = drive.speed + float(np.clip(self.speed - drive.speed, -brake * dv, brake * dv))
-        return replace(drive, speed=speed, yaw_rate=drive.yaw_rate + float(np.clip(self.yaw_rate - drive.yaw_rate, -dw, dw)))
+        return accelerated(drive, self.speed, self.yaw_rate, dt)
 
 
 class PhysicsMover:

@@ -152,7 +152,7 @@ class Driver:
         if turns and self.turning_radius:
             ahead = self._shunting_speed(drive, motion, traffic)
             turn = math.copysign(abs(ahead) / self.turning_radius, error)
-        drive = _accelerated(replace(drive, direction=direction), ahead, float(np.clip(turn, -TOP_YAW_RATE, TOP_YAW_RATE)), dt)
+        drive = accelerated(replace(drive, direction=direction), ahead, float(np.clip(turn, -TOP_YAW_RATE, TOP_YAW_RATE)), dt)
         waits = abs(motion.yaw_rate) < 0.1 if turns else min(free, abs(motion.speed)) < 0.25 * speed
         drive = replace(drive, stuck=drive.stuck + dt if waits else max(drive.stuck - dt, 0.0))
         headings = np.array([straight, wanted, motion.yaw if direction > 0 else motion.yaw + math.pi])
@@ -222,7 +222,7 @@ class Driver:
         behind = motion.position - 0.4 * drive.direction * np.array([math.cos(motion.yaw), math.sin(motion.yaw)])
         room = self.wheels.clearance_at(behind[None])[0] > min(0.0, self.wheels.clearance_at(motion.position[None])[0])
         speed = -drive.direction * min(0.3, _free_speed(motion, traffic, -drive.direction, self.top_speed)) if room else 0.0
-        drive = _accelerated(drive, speed, 0.6 * drive.turn_side, dt)
+        drive = accelerated(drive, speed, 0.6 * drive.turn_side, dt)
         left = drive.retreat - dt
         return self._to_next_goal(replace(drive, retreat=0.0), motion) if left <= 0 else replace(drive, retreat=left)
 
@@ -265,7 +265,7 @@ def _driving_direction(drive: DriveState, motion: Motion, wanted: float) -> floa
     return drive.direction if ahead < 1.9 else -drive.direction
 
 
-def _accelerated(drive: DriveState, speed: float, yaw_rate: float, dt: float) -> DriveState:
+def accelerated(drive: DriveState, speed: float, yaw_rate: float, dt: float) -> DriveState:
     """The command, changed towards `speed` and `yaw_rate` within the limits of acceleration. Braking may be twice as hard."""
     brake = 2.0 if abs(speed) < abs(drive.speed) else 1.0
     dv, dw = brake * ACCELERATION * dt, YAW_ACCELERATION * dt

@@ -2,35 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Protocol
+from collections.abc import Mapping
 
-import numpy as np
-
-from tracker.detector_models.bodies import Place, SimulatedBoxes, TrueBodies, bodies_in_view
+from tracker.detector_models.bodies import Place, bodies_in_view
 from tracker.detector_models.independent import IndependentErrors, IndependentSampler
 from tracker.detector_models.model import Model
 from tracker.detector_models.observations import TruePeople
 from tracker.detector_models.sampler import ViewSampler
 from tracker.geometry import Array
-from tracker.geometry.cameras import Camera
 from tracker.recordings import Recording
 from tracker.recordings.degradation import stream
 
 Simulated = dict[str, dict[int, tuple[Array, Array]]]
-
-
-class Sampler(Protocol):
-    """The boxes of one view, frame by frame."""
-
-    def step(self, bodies: TrueBodies, place: Place) -> SimulatedBoxes: ...
-
-
-def sampler_of(model: Model, camera: Camera, period: float, persons: Iterable[int], rng: np.random.Generator) -> Sampler:
-    """The sampler of a model for a view, with arguments as of ViewSampler."""
-    if isinstance(model, IndependentErrors):
-        return IndependentSampler(model, camera, rng)
-    return ViewSampler(model, camera, period, persons, rng)
 
 
 def simulated_detections(
@@ -49,8 +32,12 @@ def simulated_detections(
 
 def _view(recording: Recording, truth: TruePeople, model: Model, name: str, run: tuple[list[int], int]) -> dict[int, tuple[Array, Array]]:
     persons, seed = run
-    camera, known = recording.cameras[name], truth.boxes.get(name, {})
-    sampler = sampler_of(model, camera.camera, 1 / recording.rate, persons, stream(seed, name))
+    camera, known, rng = recording.cameras[name], truth.boxes.get(name, {}), stream(seed, name)
+    sampler: IndependentSampler | ViewSampler
+    if isinstance(model, IndependentErrors):
+        sampler = IndependentSampler(model, camera.camera, rng)
+    else:
+        sampler = ViewSampler(model, camera.camera, 1 / recording.rate, persons, rng)
     out = {}
     for frame, (person, feet) in sorted(truth.places.items()):
         pose = recording.pose_at(camera, frame)
