@@ -140,7 +140,7 @@ class Scenario:
             if field.type == "str" and not isinstance(value, str):
                 raise ValueError(f"{field.name} is {repr(value)[:60]}, needs a text")
             if field.name in BOUNDS:
-                object.__setattr__(self, field.name, _bounded(field.name, value, whole=field.type == "int"))
+                object.__setattr__(self, field.name, bounded(field.name, value, BOUNDS[field.name], whole=field.type == "int"))
         if not self.world:
             raise ValueError("world is '', needs a name")
         if self.width % 2:
@@ -269,13 +269,10 @@ class Scenario:
         return Scenario(**content)
 
 
-def _bounded(name: str, value: Any, whole: bool) -> float:
-    """`value` as an int or a float. Raises ValueError if it is not a number within BOUNDS[name]."""
-    low, high = BOUNDS[name]
-    kind = "a whole number" if whole else "a number"
+def bounded(name: str, value: Any, bound: tuple[float, float], whole: bool) -> float:
+    """`value` as an int or a float. Raises ValueError if it is not a number within the bound, lowest and highest value."""
+    low, high = bound
     fits = isinstance(value, (int, np.integer)) if whole else isinstance(value, (int, float, np.integer, np.floating))
-    if not fits or isinstance(value, bool):
-        raise ValueError(f"{name} is {repr(value)[:60]}, needs {kind} in [{low:g}, {high:g}]")
-    if not low <= value <= high:
-        raise ValueError(f"{name} is {repr(value)[:60]}, needs {kind} in [{low:g}, {high:g}]")
+    if not fits or isinstance(value, bool) or not low <= value <= high:
+        raise ValueError(f"{name} is {repr(value)[:60]}, needs {'a whole number' if whole else 'a number'} in [{low:g}, {high:g}]")
     return int(value) if whole else float(value)

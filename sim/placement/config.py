@@ -7,10 +7,8 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from sim.placement.visibility import VisibilityLimits
-from sim.scenario import INDEPENDENT
+from sim.scenario import INDEPENDENT, bounded
 from tracker.detector_models.model import model_of
 from tracker.parameter_file import Value, with_fields
 from tracker.tracks.parameters import MhtParameters
@@ -102,7 +100,7 @@ class PlacementConfig:
                 raise ValueError(f"{name} is {getattr(self, name)!r}, needs one of {', '.join(choices)}")
         for field in dataclasses.fields(self):
             if field.name in BOUNDS:
-                _check(field.name, getattr(self, field.name), BOUNDS[field.name], whole=field.type == "int")
+                bounded(field.name, getattr(self, field.name), BOUNDS[field.name], whole=field.type == "int")
         if self.width % 2:
             raise ValueError(f"width is {self.width} px, needs an even number")
         model_of(self.detector_model)
@@ -110,9 +108,9 @@ class PlacementConfig:
             raise ValueError(f"parameters are of the observation tracks, and observation is {self.observation!r}")
         with_fields(MhtParameters(), dict(self.parameters))
         if self.map_seed is not None:
-            _check("map_seed", self.map_seed, (0, 2**31), whole=True)
+            bounded("map_seed", self.map_seed, (0, 2**31), whole=True)
         if self.panorama is not None:
-            _check("panorama", self.panorama, (0, self.robots - 1), whole=True)
+            bounded("panorama", self.panorama, (0, self.robots - 1), whole=True)
 
     @staticmethod
     def of(options: dict[str, Any], density: str | None = None) -> PlacementConfig:
@@ -144,13 +142,6 @@ class PlacementConfig:
     def max_tracks(self) -> int:
         """The number of rows of the observation "beliefs"."""
         return self.people if self.observation != "tracks" else 2 * self.people + 4
-
-
-def _check(name: str, value: Any, bound: tuple[float, float], whole: bool) -> None:
-    low, high = bound
-    fits = isinstance(value, (int, np.integer)) if whole else isinstance(value, (int, float, np.integer, np.floating))
-    if not fits or isinstance(value, bool) or not low <= value <= high:
-        raise ValueError(f"{name} is {value!r}, needs {'a whole number' if whole else 'a number'} in [{low:g}, {high:g}]")
 
 
 X, Y, YAW, SPEED, YAW_RATE, TRAVELLED, TURNED = range(7)

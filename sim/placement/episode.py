@@ -129,7 +129,7 @@ class Episode:
 
     @property
     def beliefs(self) -> Beliefs:
-        """What the team believes of people whose identities are known."""
+        """What the team believes of people whose identities are known. The arrays change with the next decision."""
         return Beliefs(self.states.known[self.row], self.states.mean[self.row], self.states.covariance[self.row])
 
     @property
@@ -152,7 +152,9 @@ class Episode:
 
     def relative_gospa(self) -> float:
         """GOSPA (c = 2 m, p = 2) of `estimates` over that of an empty estimate: 0 is perfect, 1 is no better than the empty estimate."""
-        return relative_gospa(self.now.people[:, :2], self.estimates()[0])
+        truth = self.now.people[:, :2]
+        # Without true people it is divided by that of one false person.
+        return gospa(truth, self.estimates()[0]) / (GOSPA_CUTOFF * float(np.sqrt(max(len(truth), 1) / 2)))
 
     @staticmethod
     def key(config: PlacementConfig, seed: int) -> MapKey:
@@ -302,8 +304,3 @@ def gospa(truth: Array, estimate: Array) -> float:
     near = cost < GOSPA_CUTOFF**2
     missed = m + k - 2 * int(near.sum())
     return float(np.sqrt(cost[near].sum() + GOSPA_CUTOFF**2 / 2 * missed))
-
-
-def relative_gospa(truth: Array, estimate: Array) -> float:
-    """GOSPA divided by that of an empty estimate. Without true people it is divided by that of one false person."""
-    return gospa(truth, estimate) / (GOSPA_CUTOFF * float(np.sqrt(max(len(truth), 1) / 2)))

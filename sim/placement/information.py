@@ -14,7 +14,6 @@ Beliefs are Kalman filters of people whose identities are known: one filter of p
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,7 +25,7 @@ from sim.robots.odometry import GYRO_BIAS, GYRO_SCALE
 from tracker.detector_models.independent import IndependentErrors
 from tracker.detector_models.model import KNOTS, Model
 from tracker.detector_models.processes import persistence
-from tracker.geometry import Array, frozen
+from tracker.geometry import Array
 from tracker.geometry.compilation import njit
 from worlds.terrain.heightfield import Mask
 
@@ -123,18 +122,12 @@ class States(NamedTuple):
             mine[row] = other[source_row]
 
 
-@dataclass(frozen=True, eq=False)
-class Beliefs:
+class Beliefs(NamedTuple):
     """Estimates of p people: known (p,) 0 or 1; mean (p, 4) x, y m, vx, vy m/s; covariance (p, 4, 4)."""
 
     known: Array
     mean: Array
     covariance: Array
-
-    def __post_init__(self) -> None:
-        p = len(self.known)
-        for name, shape in (("known", (p,)), ("mean", (p, 4)), ("covariance", (p, 4, 4))):
-            object.__setattr__(self, name, frozen(getattr(self, name), shape, name))
 
     @staticmethod
     def none(people: int) -> Beliefs:
@@ -142,12 +135,12 @@ class Beliefs:
 
     def predicted(self, dt: float) -> Beliefs:
         """The estimates `dt` s later. People of a standard deviation above LOST_SIGMA become unknown."""
-        return Beliefs(*predict(self.known, self.mean, self.covariance, dt))
+        return Beliefs(*predict(*self, dt))
 
     def observed(self, views: Views, rng: np.random.Generator) -> Beliefs:
         """The estimates after a frame of simulated measurements of views."""
         noise, luck = rng.normal(size=(*views.share.shape, 2)), rng.random(views.share.shape)
-        return Beliefs(*update(self.known, self.mean, self.covariance, views, (noise, luck)))
+        return Beliefs(*update(*self, views, (noise, luck)))
 
 
 @njit(cache=True, nogil=True)

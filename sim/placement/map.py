@@ -118,11 +118,6 @@ class PlacementMap:
         return _visible_from_nodes(self, reach)
 
     @cached_property
-    def _chest_visible(self) -> NDArray[np.bool_]:
-        chest = self.walkable_points + np.array([0.0, 0.0, CHEST_HEIGHT])
-        return np.stack([line_of_sight(self.elevation, camera, chest) > 0 for camera in self.node_cameras])
-
-    @cached_property
     def scene(self) -> ViewScene:
         """The map as kernels need it for views."""
         floor = self.floor
@@ -259,7 +254,9 @@ def landmark_information(place: PlacementMap) -> Array:
 def _visible_from_nodes(place: PlacementMap, reach: float) -> NDArray[np.bool_]:
     """As `PlacementMap.visible_from_nodes`, cached: policies need it in every decision."""
     away = np.linalg.norm(place.node_cameras[:, None, :2] - place.walkable_points[:, :2], axis=2)
-    out = np.asarray(place._chest_visible & (away <= reach), dtype=np.bool_)
+    chest = place.walkable_points + np.array([0.0, 0.0, CHEST_HEIGHT])
+    visible = np.stack([line_of_sight(place.elevation, camera, chest) > 0 for camera in place.node_cameras])
+    out = np.asarray(visible & (away <= reach), dtype=np.bool_)
     out.flags.writeable = False
     return out
 

@@ -28,16 +28,12 @@ SHARED = ("beliefs",)
 """Arrays that all agents share. Of every other array each agent gets its own row."""
 
 
-def parallel_env(max_cycles: int = 240, **options: Any) -> ParallelPlacement:
-    """The environment. The options are those of sim.placement.env.Placement.
-
-    max_cycles: number of decisions after which an episode is truncated. Raises ValueError as Placement does.
-    """
-    return ParallelPlacement(max_cycles, **options)
-
-
 class ParallelPlacement(ParallelEnv[str, Observation, Array]):
-    """Agents robot_0, robot_1 …; actions Box (2,) in [−1, 1]. `state` is the whole observation of the team, as one vector."""
+    """Agents robot_0, robot_1 …; actions Box (2,) in [−1, 1]. `state` is the whole observation of the team, as one vector.
+
+    The options are those of sim.placement.env.Placement. max_cycles: number of decisions after which an episode is truncated.
+    Raises ValueError as Placement does.
+    """
 
     metadata: ClassVar[dict[str, Any]] = {"name": "pilsim_placement_v0", "render_modes": ["rgb_array"], "is_parallelizable": True, "render_fps": 2}
 
@@ -118,3 +114,7 @@ class ParallelPlacement(ParallelEnv[str, Observation, Array]):
             return array.copy()
         rows = len(array) // self.team.config.robots
         return array[k * rows : (k + 1) * rows].copy() if rows > 1 else array[k].copy()
+
+
+parallel_env = ParallelPlacement
+"""The environment by the name that PettingZoo's modules give it."""

@@ -109,16 +109,10 @@ def _passes(top, start, way, until, lowest):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _line_of_sight(top: Array, frame: Array, camera: tuple[float, float, float], goal: tuple[float, float, float], until: float) -> bool:
+def sees(top: Array, frame: Array, camera: tuple[float, float, float], goal: tuple[float, float, float], until: float) -> bool:
     """Whether the segment from camera to goal (m) passes above every column, up to the share `until` of its length."""
     start = (camera[0] - frame[0]) / frame[2] + 0.5, (camera[1] - frame[1]) / frame[2] + 0.5, camera[2]
     return bool(_passes(top, start, ((goal[0] - camera[0]) / frame[2], (goal[1] - camera[1]) / frame[2], goal[2] - camera[2]), until, False))
-
-
-@njit(cache=True)
-def sees(elevation, camera, goal):  # type: ignore[no-untyped-def]
-    """Whether no static object lies between camera and goal, three coordinates in m each. elevation: top and frame, as in ElevationMap."""
-    return _line_of_sight(elevation[0], elevation[1], camera, goal, 1.0)
 
 
 @njit(cache=True)
@@ -127,7 +121,7 @@ def _lines_of_sight(top: Array, frame: Array, camera: Array, points: Array, marg
     for k in range(len(points)):
         length = math.sqrt((points[k, 0] - camera[0]) ** 2 + (points[k, 1] - camera[1]) ** 2 + (points[k, 2] - camera[2]) ** 2)
         until = max(1.0 - margin / max(length, 1e-9), 0.0)
-        if _line_of_sight(top, frame, (camera[0], camera[1], camera[2]), (points[k, 0], points[k, 1], points[k, 2]), until):
+        if sees(top, frame, (camera[0], camera[1], camera[2]), (points[k, 0], points[k, 1], points[k, 2]), until):
             out[k] = 1.0
     return out
 
@@ -194,7 +188,7 @@ def _look_at(elevation, camera: Array, people: Array, p: int, seen: Array) -> No
     for k in range(len(seen)):
         goal = _body_point(camera, people[p], k)
         hidden = crowded and _occluded_by_person(people, p, camera, goal)
-        if not hidden and (clear or _line_of_sight(elevation[0], elevation[1], (camera[0], camera[1], camera[2]), goal, 1.0)):
+        if not hidden and (clear or sees(elevation[0], elevation[1], (camera[0], camera[1], camera[2]), goal, 1.0)):
             seen[k] = 1.0
 
 

@@ -158,7 +158,7 @@ def information_from(knowledge: TeamKnowledge, nodes: NDArray[np.int64], forecas
     flat = forecast.feet.reshape(-1, 2)
     chests = np.column_stack([flat, place.floor_at(flat) + CHEST_HEIGHT]).reshape(*forecast.feet.shape[:2], 3)
     return np.asarray(
-        _information_from((place.scene.top, place.scene.frame), cameras, chests, (detector_row(config), started_robots(1)[0], config.reach))
+        _information_from(place.scene.top, place.scene.frame, (cameras, chests), (detector_row(config), started_robots(1)[0], config.reach))
     )
 
 
@@ -264,16 +264,17 @@ def _team_values(bounds, steps, table, ways, fixed):  # type: ignore[no-untyped-
 
 
 @njit(cache=True)
-def _information_from(elevation, cameras, chests, settings):  # type: ignore[no-untyped-def]
-    """`information_from` for cameras (n, 3) m and chests (T, k, 3) m. settings: detector, bound of a robot, reach m."""
-    detector, robot, reach = settings
+def _information_from(top, frame, lines, settings):  # type: ignore[no-untyped-def]
+    """`information_from` between cameras (n, 3) m and chests (T, k, 3) m over a map's columns. settings: detector, bound of a robot, reach m."""
+    (cameras, chests), (detector, robot, reach) = lines, settings
     out = np.zeros((len(cameras), chests.shape[0], chests.shape[1], 2, 2))
     for n in range(len(cameras)):
         for t in range(chests.shape[0]):
             for k in range(chests.shape[1]):
                 dx, dy = chests[t, k, 0] - cameras[n, 0], chests[t, k, 1] - cameras[n, 1]
                 r = math.sqrt(dx * dx + dy * dy) + 1e-9
-                if r < reach and sees(elevation, (cameras[n, 0], cameras[n, 1], cameras[n, 2]), (chests[t, k, 0], chests[t, k, 1], chests[t, k, 2])):
+                camera, chest = (cameras[n, 0], cameras[n, 1], cameras[n, 2]), (chests[t, k, 0], chests[t, k, 1], chests[t, k, 2])
+                if r < reach and sees(top, frame, camera, chest, 1.0):
                     add_view(detector, robot, (r, CAMERA_HEIGHT, STATURE), (dx / r, dy / r), 1.0, out[n, t, k])
     return out
 

@@ -5,7 +5,6 @@ The features have the same shape for any number of robots and people.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -59,26 +58,15 @@ class UnseenMap:
         return here
 
 
-@dataclass(frozen=True, eq=False)
-class WaypointChoices:
-    """The choices at each of the n nodes of a map's roadmap.
-
-    goals (n, CHOICES): the nodes between which a robot chooses; the first is its own node. path_length (n, CHOICES): path lengths to them, m.
-    """
-
-    goals: NDArray[np.int64]
-    path_length: Array
-
-
 @lru_cache(maxsize=CACHED_MAPS)
-def choices_of(place: PlacementMap) -> WaypointChoices:
-    """The choices of a map, cached."""
+def choices_of(place: PlacementMap) -> tuple[NDArray[np.int64], Array]:
+    """The choices at each of the n nodes of a map's roadmap, cached: nodes (n, CHOICES), the first its own, and path lengths to them, m."""
     here = place.roadmap.nodes
     angle = np.arange(DIRECTIONS) * 2 * np.pi / DIRECTIONS
     around = np.concatenate([r * np.column_stack([np.cos(angle), np.sin(angle)]) for r in DISTANCES])
     points = here[:, None] + np.concatenate([np.zeros((1, 2)), around])
     goals = np.stack([place.roadmap.nearest(row) for row in points])
-    return WaypointChoices(goals, np.take_along_axis(place.roadmap.distance, goals, axis=1))
+    return goals, np.take_along_axis(place.roadmap.distance, goals, axis=1)
 
 
 class WaypointFeatures:
@@ -96,9 +84,9 @@ class WaypointFeatures:
         * 6: path length to the goal over 5 m. 7: whether another robot is too close to the goal. 8: 1 for the choice to stay.
         """
         place, config = knowledge.place, knowledge.config
-        visible, choices = place.visible_from_nodes(config.reach), choices_of(place)
+        visible, (choices, path_length) = place.visible_from_nodes(config.reach), choices_of(place)
         here = self._unseen.update(knowledge, float(1.0 - np.exp(-config.period * HOLD / RECOVERY_TIME)))
-        self.goals = choices.goals[here]
+        self.goals = choices[here]
         count = max(config.people, 1)
         unknown = max(config.people - len(knowledge.position), 0) / count
         where = nearest(knowledge.position + LOOKAHEAD * knowledge.velocity, place.walkable_points[:, :2])
@@ -112,6 +100,6 @@ class WaypointFeatures:
                 out[k, :, [n, 3 + n]] = (visible[goals] @ density).T
             gap = place.roadmap.nodes[goals][:, None] - np.delete(knowledge.robots[:, :2], k, axis=0)
             out[k, :, 7] = np.linalg.norm(gap, axis=2).min(axis=1, initial=9.0) < MIN_GAP
-        out[..., 6] = choices.path_length[here] / DISTANCES[-1]
+        out[..., 6] = path_length[here] / DISTANCES[-1]
         out[:, 0, 8] = 1.0
         return out

@@ -25,10 +25,10 @@ def begun(seed: int = 0) -> tuple[gymnasium.Env, dict]:
 def test_the_first_choice_is_to_stay_and_the_others_are_nearby():
     env, _ = begun()
     place = env.unwrapped.episode.place
-    found, count = choices_of(place), len(place.roadmap.nodes)
-    np.testing.assert_array_equal(found.goals[:, 0], np.arange(count))
-    assert (found.path_length[:, 0] == 0.0).all()
-    off = place.roadmap.nodes[found.goals] - place.roadmap.nodes[:, None]
+    (goals, path_length), count = choices_of(place), len(place.roadmap.nodes)
+    np.testing.assert_array_equal(goals[:, 0], np.arange(count))
+    assert (path_length[:, 0] == 0.0).all()
+    off = place.roadmap.nodes[goals] - place.roadmap.nodes[:, None]
     assert np.linalg.norm(off, axis=2).max() <= 2 * DISTANCES[-1] + 1e-9
 
 
