@@ -81,6 +81,8 @@ def _read_onnx(path: Path) -> Scores:
 
 def _read_stable_baselines(path: Path) -> Scores:
     ppo = needed()
+    import torch
+
     from sim.policies.vector_env import ChoicePolicy
 
     try:
@@ -93,14 +95,10 @@ def _read_stable_baselines(path: Path) -> Scores:
         raise ValueError(
             f"{path}: the policy takes observations of length {size}, needs {CHOICES * FEATURES} and {CHOICES * PEOPLE_FEATURES} a person"
         )
-    return network_scores(model.policy.mlp_extractor)
-
-
-def network_scores(network: Any) -> Scores:
-    """The scores of a network of vector_env.ChoiceNetwork. Networks of 0.4.0 and before do not look at people."""
-    import torch
+    network = model.policy.mlp_extractor
 
     def scores(choices: Features, people: Features) -> Array:
+        # Networks of 0.4.0 and before do not look at people.
         with torch.no_grad():
             rows = torch.as_tensor(choices)
             return np.asarray(network.score(network.with_people(rows, torch.as_tensor(people)) if network.people else rows).numpy())

@@ -112,7 +112,7 @@ class _Calibrator:
             self._forget_lost()
         pairs = [(a, b) for a, b in combinations(self.views, 2) if not {a, b} <= self.posed]
         shown = pairs if progress is None else progress(pairs, total=len(pairs))
-        matches = {(a, b): match(self.views[a], self.views[b], self.steps, self.known.most_offset) for a, b in shown}
+        matches = {(a, b): match(self.views[a], self.views[b], self.steps) for a, b in shown}
         if not self.rows:
             self._begin(matches)
         while left := [name for name in self.views if name not in self.rows]:
@@ -141,13 +141,13 @@ class _Calibrator:
         rows, loose = moved_cameras({name: self.views[name] for name in names}, self.steps, given, free, lost)
         for tight in (1.3, 0.8):
             seen = observations(self.views, dict(zip(names, rows, strict=True)), self.steps, tight)
-            refined = refine([self.views[name].camera for name in names], seen, (given, rows), free, (loose, lost))
-            rows = refined.adjusted.rows
+            adjusted, moved = refine([self.views[name].camera for name in names], seen, (given, rows), free, (loose, lost))
+            rows = adjusted.rows
         self.rows = dict(zip(names, rows, strict=True))
-        found = self._result(refined.adjusted, names)
-        moves = np.delete(refined.moved, OFFSET, axis=1)
-        unmoved = {name: self.recording.cameras[name] for name, moved in zip(names, moves, strict=True) if not moved.any()}
-        return replace(found, cameras={**found.cameras, **unmoved}, moved_frame=False, changes=tuple(changes(names, given, refined)))
+        found = self._result(adjusted, names)
+        moves = np.delete(moved, OFFSET, axis=1).any(axis=1)
+        unmoved = {name: self.recording.cameras[name] for name, other in zip(names, moves, strict=True) if not other}
+        return replace(found, cameras={**found.cameras, **unmoved}, moved_frame=False, changes=tuple(changes(names, given, adjusted, moved)))
 
     def _contradictions(self, adjusted: Adjusted) -> list[str]:
         """Lines on cameras whose boxes miss people by more than a detector does, or miss people that another camera sees.

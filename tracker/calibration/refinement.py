@@ -8,7 +8,7 @@ errors: there, boxes of that camera are outliers, or its errors of boxes seem la
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.stats import chi2
@@ -35,14 +35,6 @@ TIGHTER, FEW_ROUNDS, MOST = (2.0, 1.0), 8, 1200
 """Factors of the errors within which tracklets are joined, steps of an adjustment, and most boxes, where a camera is found anew."""
 LIKE_OTHERS = 1.5
 """Errors of edges over those of the usual camera, below which no other start is tried."""
-
-
-@dataclass(frozen=True, eq=False)
-class Refined:
-    """The adjusted state, and which parameters (cameras, 11) have moved."""
-
-    adjusted: Adjusted
-    moved: Mask
 
 
 def unswapped(recording: Recording) -> tuple[Recording, list[str]]:
@@ -124,8 +116,8 @@ def _by_itself(view: CameraBoxes, row: Array) -> Array:
     return row if single is None else np.where(np.isin(np.arange(len(row)), [FOCAL, PITCH, ROLL, HEIGHT]), single.row, row)
 
 
-def refine(cameras: Sequence[Camera], seen: Observations, rows: tuple[Array, Array], prior: Prior, moved: tuple[Mask, Mask]) -> Refined:
-    """Adjust the cameras that have moved.
+def refine(cameras: Sequence[Camera], seen: Observations, rows: tuple[Array, Array], prior: Prior, moved: tuple[Mask, Mask]) -> tuple[Adjusted, Mask]:
+    """Adjust the cameras that have moved. Returns the adjusted state, and which parameters (cameras, 11) have moved.
 
     rows: parameters (cameras, 11) as given, and near the best ones. prior: as moved_cameras has it. moved: which cameras (cameras,) have, and which
     of them are not known at all.
@@ -136,7 +128,7 @@ def refine(cameras: Sequence[Camera], seen: Observations, rows: tuple[Array, Arr
     problem.rescale()
     problem.solve(ROUNDS, _held(problem, free))
     problem.integrate(held=_held(problem, free))
-    return Refined(_settled(problem, rows[0], free, moved[1]), free)
+    return _settled(problem, rows[0], free, moved[1]), free
 
 
 def _settled(problem: Problem, rows: Array, moved: Mask, lost: Mask) -> Adjusted:
@@ -159,14 +151,14 @@ def _held(problem: Problem, moved: Mask) -> Mask:
     return np.asarray(~moved.ravel()[problem.free])
 
 
-def changes(names: Sequence[str], rows: Array, refined: Refined) -> list[str]:
+def changes(names: Sequence[str], rows: Array, adjusted: Adjusted, moved: Mask) -> list[str]:
     """A line for each parameter that has moved: from, to, and its deviation."""
     out = []
-    sigma = np.sqrt(np.abs(np.diag(refined.adjusted.covariance))).reshape(rows.shape)
-    for k, p in zip(*(part.tolist() for part in np.nonzero(refined.moved)), strict=True):
-        before, now, error = (_shown(p, value) for value in (rows[k, p], refined.adjusted.rows[k, p], sigma[k, p]))
+    sigma = np.sqrt(np.abs(np.diag(adjusted.covariance))).reshape(rows.shape)
+    for k, p in zip(*(part.tolist() for part in np.nonzero(moved)), strict=True):
+        before, now, error = (_shown(p, value) for value in (rows[k, p], adjusted.rows[k, p], sigma[k, p]))
         if p in (0, HEIGHT):
-            out.append(f"{names[k]}: {NAMES[p]} is {np.expm1(refined.adjusted.rows[k, p] - rows[k, p]):+.1%} ± {sigma[k, p]:.1%} off")
+            out.append(f"{names[k]}: {NAMES[p]} is {np.expm1(adjusted.rows[k, p] - rows[k, p]):+.1%} ± {sigma[k, p]:.1%} off")
         else:
             out.append(f"{names[k]}: {NAMES[p]} is {now:.3f} and not {before:.3f} ± {error:.3f} {'°' if p in (PITCH, ROLL, YAW) else ''}".rstrip())
     return out

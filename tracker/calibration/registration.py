@@ -15,11 +15,12 @@ from scipy.spatial import cKDTree
 
 from tracker.calibration.body import OFFSET, YAW, X, Y, boxes_of, ground_places
 from tracker.calibration.boxes import LinkedBoxes, smoothed
-from tracker.calibration.result import MOST_OFFSET
 from tracker.calibration.single_view import STATURE, SingleView
 from tracker.geometry import Array, Ints, Mask
 from tracker.geometry.cameras import Camera
 
+MOST_OFFSET = 5.0
+"""s: clocks differ by at most so much."""
 EARLIER = 2 * MOST_OFFSET
 """s before time 0 at which paths begin, as clocks may be late."""
 STEP = 0.3
@@ -291,7 +292,7 @@ class _Side:
         return [Match(*one, self.likely * other.likely) for one in zip(placed, score.tolist(), share.tolist(), strict=True)]
 
 
-def match(a: CameraBoxes, b: CameraBoxes, steps: int, most: float = MOST_OFFSET) -> list[Match]:
+def match(a: CameraBoxes, b: CameraBoxes, steps: int) -> list[Match]:
     """The likeliest ways in which camera b stands in the frame of camera a; the best first.
 
     A focal length that a camera does not tell by itself stretches its ground, so all pairs of some are tried.
@@ -299,7 +300,7 @@ def match(a: CameraBoxes, b: CameraBoxes, steps: int, most: float = MOST_OFFSET)
     sides = [[_Side.of(view, row, less, steps) for row, less in view.single.tried] for view in (a, b)]
     out: list[Match] = []
     for one, other in product(*sides):
-        tried = guesses(one.paths, other.paths, round(most / STEP))
+        tried = guesses(one.paths, other.paths, round(MOST_OFFSET / STEP))
         rough = one.matches(other, tried, FEW) if tried else []
         best = sorted(range(len(tried)), key=lambda k: -rough[k].value)[:KEPT]
         out += one.matches(other, [tried[k] for k in best], POINTS) if tried else []

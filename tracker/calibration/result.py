@@ -16,15 +16,12 @@ from tracker.geometry.ground import Flat
 from tracker.recordings import Recording, RecordingCamera
 from tracker.recordings.clock_offsets import with_offsets
 
-MOST_OFFSET = 5.0
-"""s: clocks differ by at most so much."""
-
 
 @dataclass(frozen=True)
 class Known:
     """What is known beside the boxes. heights: camera → m above the ground. distances: two cameras → m.
 
-    stature: mean of people, m; None where it is not known. principal, k1: whether these are estimated, too. most_offset: s by which clocks differ.
+    stature: mean of people, m; None where it is not known. principal, k1: whether these are estimated, too.
     refine: whether poses that are given may have moved.
     """
 
@@ -33,7 +30,6 @@ class Known:
     stature: float | None = STATURE
     principal: bool = False
     k1: bool = False
-    most_offset: float = MOST_OFFSET
     refine: bool = False
 
 

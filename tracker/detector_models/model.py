@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_type_hints
 
 import numpy as np
 
@@ -175,15 +175,7 @@ class DetectorModel:
                 raise ValueError(f"{part}.samples is empty, needs samples where there are such boxes")
 
 
-PARTS: dict[str, type] = {
-    "misses": Misses,
-    "edges": EdgeErrors,
-    "confidences": Confidences,
-    "merges": Merges,
-    "second": SecondBoxes,
-    "false": FalseBoxes,
-    "standing": StandingBoxes,
-}
+PARTS: dict[str, type] = {name: kind for name, kind in get_type_hints(DetectorModel).items() if is_dataclass(kind)}
 UNUSED = ("fills", "fill_time_s")
 """Fields of `edges` in files of 0.4.0, which are not read: predictions of real rows are as good without them."""
 Model = DetectorModel | IndependentErrors

@@ -24,19 +24,22 @@ VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg")
 
 
 class VideoWriters:
-    """Writes FOLDER/CAMERA.mp4 for several cameras at `rate` frames/s, frame by frame."""
+    """Writes FOLDER/CAMERA.mp4 for several cameras, frame by frame, at `rate` frames/s where a camera has no rate of its own."""
 
     def __init__(self, folder: Path, rate: float) -> None:
         self.folder, self.rate = folder, rate
         self._writers: dict[str, cv2.VideoWriter] = {}
         self._frames: dict[str, int] = {}
 
-    def put(self, camera: str, image: Image) -> None:
-        """Append an RGB image (H, W, 3) to the video of a camera. Raises ValueError where the file cannot be opened for writing."""
+    def put(self, camera: str, image: Image, rate: float | None = None) -> None:
+        """Append an RGB image (H, W, 3) to the video of a camera. rate: of a camera, told with its first image.
+
+        Raises ValueError where the file cannot be opened for writing.
+        """
         if camera not in self._writers:
             self.folder.mkdir(exist_ok=True)
             path, size = self.folder / f"{camera}.mp4", (image.shape[1], image.shape[0])
-            self._writers[camera] = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), self.rate, size)
+            self._writers[camera] = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), rate or self.rate, size)
             self._frames[camera] = 0
             if not self._writers[camera].isOpened():
                 raise ValueError(f"{path}: this OpenCV cannot write MP4 video to this path")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -44,8 +44,8 @@ class DetectedTicks:
             # Ticks are read one after the other, so the reader is one thread. It ends first, as it hands views to the searchers.
             searchers = ThreadPoolExecutor(self.threads)
             stack.callback(searchers.shutdown, cancel_futures=True)
-            for searched in stack.enter_context(ahead((_Searched(tick, detector, sites, searchers) for tick in self.ticks), AHEAD)):
-                yield searched.result()
+            for found in stack.enter_context(ahead((_searched(tick, detector, sites, searchers) for tick in self.ticks), AHEAD)):
+                yield found()
 
     def odometry(self) -> Iterator[dict[str, Odometry]]:
         return self.ticks.odometry()
@@ -56,16 +56,10 @@ def with_found_people(tick: Tick, detector: PersonDetector, sites: Mapping[str, 
     return replace(tick, views=tuple(_with_found(view, detector, sites) for view in _used(tick)))
 
 
-class _Searched:
-    """A tick whose views are being searched by the threads of a pool."""
-
-    def __init__(self, tick: Tick, detector: PersonDetector, sites: Mapping[str, CameraPlace], pool: ThreadPoolExecutor) -> None:
-        self._tick = tick
-        self._views = [pool.submit(_with_found, view, detector, sites) for view in _used(tick)]
-
-    def result(self) -> Tick:
-        """The tick, once all its views are searched."""
-        return replace(self._tick, views=tuple(view.result() for view in self._views))
+def _searched(tick: Tick, detector: PersonDetector, sites: Mapping[str, CameraPlace], pool: ThreadPoolExecutor) -> Callable[[], Tick]:
+    """Search the views of a tick by the threads of a pool. Returns a function that waits for all of them, and gives the tick."""
+    views = [pool.submit(_with_found, view, detector, sites) for view in _used(tick)]
+    return lambda: replace(tick, views=tuple(view.result() for view in views))
 
 
 def _used(tick: Tick) -> list[View]:

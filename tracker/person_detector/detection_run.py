@@ -88,7 +88,7 @@ def _written(frames: Iterable[PictureFrame], partial: Path, wanted: dict[str, An
     boxes: dict[str, dict[int, tuple[Array, Array]]] = {}
     parts: dict[str, dict[int, tuple[Array, Array]]] = {}
     with journal, ExitStack() as stack:
-        videos = _Videos(partial)
+        videos, sizes = VideoWriters(partial / "videos", PictureFrame.rate), dict[str, tuple[int, ...]]()
         stack.callback(videos.close)
         for one in frames:
             key = one.camera, one.frame, zlib.crc32(one.image.tobytes())
@@ -98,16 +98,17 @@ def _written(frames: Iterable[PictureFrame], partial: Path, wanted: dict[str, An
                 entry |= {"box": np.round(found.box, 2).tolist(), "probability": np.round(found.score, 4).tolist()}
                 journal.add(entry)
             box, probability = np.array(entry["box"], dtype=float).reshape(-1, 4), np.array(entry["probability"], dtype=float)
-            seen = visible_parts(box, probability, float(one.image.shape[1]) if how.wraps or one.site.wraps else None)
-            parts.setdefault(one.camera, {})[one.frame + 1] = np.round(seen.box, 2), np.round(seen.share, 4)
+            part, share = visible_parts(box, probability, float(one.image.shape[1]) if how.wraps or one.site.wraps else None)
+            parts.setdefault(one.camera, {})[one.frame + 1] = np.round(part, 2), np.round(share, 4)
             if how.visible:
-                box = np.round(seen.box, 2)
+                box = np.round(part, 2)
             boxes.setdefault(one.camera, {})[one.frame + 1] = box, probability
             if how.pictures or how.video:
                 drawn = _drawn(one.image, box)
             if how.pictures:
                 _write_picture(partial / "pictures" / one.camera / f"{one.frame + 1:06d}.jpg", drawn)
             if how.video:
+                _check_size(one, sizes.setdefault(one.camera, drawn.shape))
                 videos.put(one.camera, drawn, one.rate)
         videos.finish()
     if not boxes:
@@ -122,31 +123,11 @@ def _written(frames: Iterable[PictureFrame], partial: Path, wanted: dict[str, An
     return statement
 
 
-class _Videos:
-    """A video of each camera in `videos/`, at the rate of its first image."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder / "videos"
-        self._writers: dict[str, VideoWriters] = {}
-        self._shapes: dict[str, tuple[int, ...]] = {}
-
-    def put(self, camera: str, image: Image, rate: float) -> None:
-        """Append an image. Raises ValueError where its size is not that of the first."""
-        shape = self._shapes.setdefault(camera, image.shape)
-        if image.shape != shape:
-            raise ValueError(f"{camera}: has images of {shape[1]} x {shape[0]} and {image.shape[1]} x {image.shape[0]} px, --video needs one size")
-        if camera not in self._writers:
-            self._writers[camera] = VideoWriters(self._folder, rate)
-        self._writers[camera].put(camera, image)
-
-    def finish(self) -> None:
-        """Close all videos. Raises OSError where frames are missing."""
-        for writer in self._writers.values():
-            writer.finish()
-
-    def close(self) -> None:
-        for writer in self._writers.values():
-            writer.close()
+def _check_size(frame: PictureFrame, first: tuple[int, ...]) -> None:
+    """Raises ValueError where an image has not the size of the first one of its camera."""
+    height, width = frame.image.shape[:2]
+    if (height, width) != first[:2]:
+        raise ValueError(f"{frame.camera}: has images of {first[1]} x {first[0]} and {width} x {height} px, --video needs one size")
 
 
 def _same(folder: Path, wanted: Mapping[str, Any]) -> dict[str, Any] | None:

@@ -55,14 +55,13 @@ TRACKED = 0.2
 
 
 class PersonDetector:
-    """The detector of people in pixels.
+    """The detector of people in pixels. The same picture gives the same boxes.
 
-    model: an ONNX file, None for the shipped one. threads: of the network; with 1, the same picture gives the same boxes.
-    Raises ValueError as PersonNetwork.
+    model: an ONNX file, None for the shipped one. Raises ValueError as PersonNetwork.
     """
 
-    def __init__(self, model: Path | None = None, threads: int = 1) -> None:
-        self.network = PersonNetwork(model, threads)
+    def __init__(self, model: Path | None = None) -> None:
+        self.network = PersonNetwork(model)
 
     def find(self, picture: NDArray[Any], site: CameraPlace | None = None, wraps: bool | None = None) -> FoundBoxes:
         """Boxes of whole people in a picture, as of pixels.rgb_image, the surest first.

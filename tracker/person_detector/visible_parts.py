@@ -6,8 +6,6 @@ So people behind people are known. People behind furniture, walls and things are
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from tracker.geometry import Array
@@ -20,17 +18,10 @@ COVERED = 0.8
 """Probability that a point is covered, from which on it is no part of the visible box. An edge that is cut in vain costs more than one that stays."""
 
 
-@dataclass(frozen=True, eq=False)
-class VisibleParts:
-    """box (n, 4): left, top, width, height px around what is seen of each box, the whole where nothing is. share (n,): of the body that is seen."""
-
-    box: Array
-    share: Array
-
-
-def visible_parts(box: Array, score: Array, period: float | None) -> VisibleParts:
+def visible_parts(box: Array, score: Array, period: float | None) -> tuple[Array, Array]:
     """The visible parts of boxes (n, 4) left, top, width, height px with probabilities (n,) that they are people.
 
+    Returns boxes (n, 4) px around what is seen of each, the whole where nothing is, and the share (n,) of the body that is seen.
     period: width of an image that wraps, px.
     """
     across, down = ((np.arange(count) + 0.5) / count for count in SAMPLES)
@@ -51,7 +42,7 @@ def visible_parts(box: Array, score: Array, period: float | None) -> VisiblePart
         if open_.any():
             (first, last), (upper, lower) = (_ends(open_.any(axis=axis)) for axis in (0, 1))
             parts[k] = left + first * width, top + upper * height, (last - first) * width, (lower - upper) * height
-    return VisibleParts(parts, shares)
+    return parts, shares
 
 
 def _ends(open_: Array) -> tuple[float, float]:

@@ -97,12 +97,6 @@ class Scan(NamedTuple):
 
 
 @njit(cache=True)
-def wrapped(angle: float) -> float:
-    """rad → [−π, π)."""
-    return (angle + np.pi) % (2 * np.pi) - np.pi
-
-
-@njit(cache=True)
 def linearize(s: Any, indices: Any, z: Any, H: Any) -> Any:
     """Fill the Jacobian H (2, n), and return the residual z − h (2,) m, rad.
 
@@ -111,7 +105,8 @@ def linearize(s: Any, indices: Any, z: Any, H: Any) -> Any:
     fej, at, to = indices
     x = s.mean
     dx, dy = x[to] - x[at], x[to + 1] - x[at + 1]
-    residual = np.array([z[0] - (1 + x[at + 5]) * np.hypot(dx, dy) - x[at + 4], wrapped(z[1] - np.arctan2(dy, dx) + x[at + 2] - x[at + 3])])
+    turn = z[1] - np.arctan2(dy, dx) + x[at + 2] - x[at + 3]
+    residual = np.array([z[0] - (1 + x[at + 5]) * np.hypot(dx, dy) - x[at + 4], (turn + np.pi) % (2 * np.pi) - np.pi])
     if fej:
         dx, dy = s.first[to] - s.first[at], s.first[to + 1] - s.first[at + 1]
     r2 = max(dx * dx + dy * dy, 1e-6)

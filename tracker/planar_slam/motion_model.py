@@ -59,11 +59,6 @@ class Sensors:
     scales: tuple[float, float] = (0.045, 0.075)
     random_walk: tuple[float, float, float, float, float] = (3e-4, 7.5e-4, 3e-4, 1.5e-4, 1.5e-4)
 
-    def __post_init__(self) -> None:
-        for name in ("lag", "command_timeout", "range_sigma", "bearing_sigma"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} is {getattr(self, name)}, needs more than 0")
-
 
 def integrate(odometry: Array, sensors: Sensors, times: Array) -> Array:
     """Commands (n, 3) of time s, m/s, rad/s → motion since the first one at times (m,) s, which ascend.

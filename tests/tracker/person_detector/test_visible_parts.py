@@ -31,29 +31,29 @@ FAR, NEAR = [100.0, 50.0, 40.0, 100.0], [90.0, 90.0, 60.0, 150.0]
 
 def test_who_has_lower_feet_covers_who_has_higher_ones() -> None:
     """The nearer body is 30 px wide about the same middle, and begins 40 px below the farther head."""
-    found = visible_parts(np.array([FAR, NEAR]), np.ones(2), None)
-    np.testing.assert_allclose(found.share, [0.4, 1.0], atol=0.02)
-    np.testing.assert_array_equal(found.box[1], NEAR)
+    box, share = visible_parts(np.array([FAR, NEAR]), np.ones(2), None)
+    np.testing.assert_allclose(share, [0.4, 1.0], atol=0.02)
+    np.testing.assert_array_equal(box[1], NEAR)
     # Beside the nearer body, 5 px on each side are open down to the feet.
-    np.testing.assert_array_equal(found.box[0], FAR)
-    wider = visible_parts(np.array([FAR, [70.0, 90.0, 100.0, 150.0]]), np.ones(2), None)
-    np.testing.assert_allclose(wider.box[0], [100, 50, 40, 40], atol=2)
-    all_ = visible_parts(np.array([FAR, [70.0, 40.0, 100.0, 150.0]]), np.ones(2), None)
-    assert all_.share[0] == 0
-    np.testing.assert_array_equal(all_.box[0], FAR)
+    np.testing.assert_array_equal(box[0], FAR)
+    wider, _ = visible_parts(np.array([FAR, [70.0, 90.0, 100.0, 150.0]]), np.ones(2), None)
+    np.testing.assert_allclose(wider[0], [100, 50, 40, 40], atol=2)
+    box, share = visible_parts(np.array([FAR, [70.0, 40.0, 100.0, 150.0]]), np.ones(2), None)
+    assert share[0] == 0
+    np.testing.assert_array_equal(box[0], FAR)
 
 
 def test_shares_fall_with_the_probability_of_what_covers_and_have_no_seam() -> None:
     rng, width = np.random.default_rng(0), 400.0
     box = np.column_stack([rng.uniform(0, width, 30), rng.uniform(0, 100, 30), rng.uniform(20, 60, 30), rng.uniform(50, 150, 30)])
-    sure, unsure, nothing = (visible_parts(box, np.full(30, p), width) for p in (1.0, 0.5, 0.0))
-    assert (sure.share <= unsure.share + 1e-12).all()
-    assert (unsure.share <= nothing.share).all()
-    assert (nothing.share == 1).all()
-    assert sure.share.min() < 0.3
+    (parts, *_), (sure, unsure, nothing) = zip(*(visible_parts(box, np.full(30, p), width) for p in (1.0, 0.5, 0.0)), strict=True)
+    assert (sure <= unsure + 1e-12).all()
+    assert (unsure <= nothing).all()
+    assert (nothing == 1).all()
+    assert sure.min() < 0.3
     moved = np.column_stack([(box[:, 0] + 123) % width, box[:, 1:]])
-    np.testing.assert_allclose(visible_parts(moved, np.ones(30), width).share, sure.share, atol=0.05)
-    inside = np.concatenate([sure.box[:, :2] - box[:, :2], (box - sure.box)[:, :2] + (box - sure.box)[:, 2:]], axis=1)
+    np.testing.assert_allclose(visible_parts(moved, np.ones(30), width)[1], sure, atol=0.05)
+    inside = np.concatenate([parts[:, :2] - box[:, :2], (box - parts)[:, :2] + (box - parts)[:, 2:]], axis=1)
     assert (inside >= -1e-9).all()
     assert 0 < BODY < 1
 

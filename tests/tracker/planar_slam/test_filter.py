@@ -199,12 +199,3 @@ def test_a_robot_corrects_the_robot_that_it_sees(rng: np.random.Generator) -> No
     s.P[range(ROBOT, ROBOT + 3), range(ROBOT, ROBOT + 3)] = 1.0
     process_scan(s, settings("invariant"), 0, Scan(np.array([1]), exact(s, 0, 1)[None], np.array([[0.05, 0.01]])))
     assert np.diag(s.P)[ROBOT : ROBOT + 2].max() < 0.01
-
-
-def test_a_wrong_start_is_an_error() -> None:
-    P = np.zeros((1, ROBOT, ROBOT))
-    P[0, 0, 0] = -1
-    with pytest.raises(ValueError, match="covariance of robot 0 has an eigenvalue of -1"):
-        initial_state(np.zeros((1, ROBOT)), P, 1)
-    with pytest.raises(ValueError, match=r"start has shape \(1, 3\)"):
-        initial_state(np.zeros((1, 3)), P, 1)
