@@ -6,6 +6,7 @@ The origin of the body frame is the centre of the wheel base at the height of th
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -32,6 +33,12 @@ HEAD_GAP = 0.08
 """m: distance from the top of the head up to the panorama's centre, so that nothing encloses the camera."""
 
 _GROUP = 3
+_DRAWN: dict[str, Any] = {"contype": 0, "conaffinity": 0, "group": _GROUP}
+"""Attributes of geoms that are drawn and collide with nothing."""
+_COLLIDES: dict[str, Any] = {"contype": 1, "conaffinity": 3}
+"""Attributes of geoms that collide with the world, with rovers and with people."""
+_UNSEEN: dict[str, Any] = _COLLIDES | {"group": 4, "rgba": (0, 0, 0, 0)}
+"""Attributes of geoms that collide in place of drawn ones."""
 _METAL, _RUBBER, _LENS = (0.62, 0.64, 0.66, 1.0), (0.08, 0.08, 0.09, 1.0), (0.05, 0.06, 0.09, 1.0)
 _PAINTS = ((0.93, 0.45, 0.10, 1.0), (0.12, 0.42, 0.75, 1.0), (0.20, 0.55, 0.25, 1.0), (0.80, 0.75, 0.15, 1.0), (0.62, 0.16, 0.18, 1.0))
 
@@ -55,8 +62,8 @@ def add_rover(spec: mujoco.MjSpec, name: str, index: int, camera_height: float) 
     chassis = spec.worldbody.add_body(name=name)
     chassis.add_freejoint(name=name)
     paint = _PAINTS[index % len(_PAINTS)]
-    solid = {"contype": 1, "conaffinity": 3, "group": _GROUP}
-    chassis.add_geom(name=f"{name}/hull", type=mujoco.mjtGeom.mjGEOM_BOX, size=(0.33, 0.19, 0.055), pos=(0, 0, 0.035), mass=15.0, rgba=paint, **solid)
+    hull = {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": (0.33, 0.19, 0.055), "pos": (0, 0, 0.035)}
+    chassis.add_geom(name=f"{name}/hull", mass=15.0, group=_GROUP, rgba=paint, **hull, **_COLLIDES)
     _add_trim(chassis, name, paint)
     add_mast(chassis, name, camera_height - WHEEL_RADIUS)
     for wheel, position in zip(WHEELS, wheel_positions(), strict=True):
@@ -74,40 +81,20 @@ def _add_trim(chassis: mujoco.MjsBody, name: str, paint: tuple[float, ...]) -> N
         "right_lamp": ((0.012, 0.03, 0.02), (0.33, -0.11, 0.075), (0.98, 0.97, 0.85, 1.0)),
     }
     for part, (size, position, colour) in parts.items():
-        chassis.add_geom(
-            name=f"{name}/{part}",
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            size=size,
-            pos=position,
-            rgba=colour,
-            mass=0.3,
-            contype=0,
-            conaffinity=0,
-            group=_GROUP,
-        )
+        chassis.add_geom(name=f"{name}/{part}", type=mujoco.mjtGeom.mjGEOM_BOX, size=size, pos=position, rgba=colour, mass=0.3, **_DRAWN)
 
 
 def add_mast(chassis: mujoco.MjsBody, name: str, centre: float, foot: float = 0.1) -> None:
     """The mast and the head, whose top is HEAD_GAP below the panorama's centre at z = `centre`, body frame. foot: z of the mast's lower end, m."""
     top = max(centre - HEAD_GAP, foot + 0.08)
-    attributes = {"contype": 0, "conaffinity": 0, "group": _GROUP}
     capsule, cylinder = mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER
     rod = (0, 0, foot, 0, 0, top - 0.06)
-    chassis.add_geom(name=f"{name}/mast", type=capsule, size=(0.014, 0, 0), fromto=rod, rgba=_METAL, mass=0.5, **attributes)
-    chassis.add_geom(name=f"{name}/head", type=cylinder, size=(0.018, 0.02, 0), pos=(0, 0, top - 0.06), rgba=_METAL, mass=0.15, **attributes)
-    chassis.add_geom(name=f"{name}/lens", type=cylinder, size=(0.009, 0.02, 0), pos=(0, 0, top - 0.02), rgba=_LENS, mass=0.05, **attributes)
+    chassis.add_geom(name=f"{name}/mast", type=capsule, size=(0.014, 0, 0), fromto=rod, rgba=_METAL, mass=0.5, **_DRAWN)
+    chassis.add_geom(name=f"{name}/head", type=cylinder, size=(0.018, 0.02, 0), pos=(0, 0, top - 0.06), rgba=_METAL, mass=0.15, **_DRAWN)
+    chassis.add_geom(name=f"{name}/lens", type=cylinder, size=(0.009, 0.02, 0), pos=(0, 0, top - 0.02), rgba=_LENS, mass=0.05, **_DRAWN)
     # The mast is thin. An invisible thicker rod collides in its place.
-    chassis.add_geom(
-        name=f"{name}/mast_guard",
-        type=capsule,
-        size=(0.05, 0, 0),
-        fromto=(0, 0, foot + 0.1, 0, 0, top - 0.06),
-        mass=0.0,
-        contype=1,
-        conaffinity=3,
-        group=4,
-        rgba=(0, 0, 0, 0),
-    )
+    guard = (0, 0, foot + 0.1, 0, 0, top - 0.06)
+    chassis.add_geom(name=f"{name}/mast_guard", type=capsule, size=(0.05, 0, 0), fromto=guard, mass=0.0, **_UNSEEN)
 
 
 def _add_wheel(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, name: str, position: Array) -> None:
@@ -131,16 +118,13 @@ def _add_wheel(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, name: str, position
         type=mujoco.mjtGeom.mjGEOM_SPHERE,
         size=(WHEEL_RADIUS, 0, 0),
         mass=1.4,
-        group=4,
-        rgba=(0, 0, 0, 0),
-        contype=1,
-        conaffinity=3,
         condim=3,
         friction=(0.9, 0.005, 0.0001),
         priority=1,
         solref=(0.02, 1.0),
+        **_UNSEEN,
     )
-    attributes = {"contype": 0, "conaffinity": 0, "group": _GROUP, "mass": 0.05, "quat": upright}
+    attributes = _DRAWN | {"mass": 0.05, "quat": upright}
     wheel.add_geom(name=f"{name}_tyre", type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=(WHEEL_RADIUS, 0.04, 0), rgba=_RUBBER, **attributes)
     wheel.add_geom(name=f"{name}_rim", type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=(0.07, 0.045, 0), rgba=_METAL, **attributes)
     actuator = spec.add_actuator(name=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=name)
