@@ -19,7 +19,7 @@ from sim.scenario import Scenario
 from sim.sensors.raycast_camera import RaycastCamera, RobotDetector, is_rover_panorama
 from sim.sensors.robot_sensors import RobotSensors
 from sim.sensors.true_boxes import People
-from sim.sensors.view_detectors import ViewDetectors
+from sim.sensors.view_detectors import view_detectors
 from sim.simulation.simulation import Simulation
 from tracker.geometry import Array, Ints, Pose
 from tracker.types import Detections, Odometry, RobotDetections, SensorSamples, Setup, Sightings, Tick, Truth, View, ViewTruth
@@ -157,7 +157,7 @@ class FrameAssembler:
         scenario = simulation.scenario
         self._mounts, self._period = setup.mounts, scenario.period
         self.times = ViewTimes(scenario, setup)
-        self._detectors = ViewDetectors(scenario, setup.mounts, simulation.all_persons)
+        self._detectors = view_detectors(scenario, setup.mounts, simulation.all_persons)
 
     def frame(
         self,
@@ -176,12 +176,12 @@ class FrameAssembler:
         for name, mount in self._mounts.items():
             if name in self.times.pictures:
                 continue
-            found, image = self._detectors.detect(name, true[name], person, feet), images[name].colour if name in images else None
+            found, image = self._detectors[name].detect(true[name], person, feet), images[name].colour if name in images else None
             # The first view of a robot brings its odometry.
             driven = odometry.pop(mount.robot, None)
             views.append(View(name, found, sightings.get(name), driven, image=image, robot_detections=state.companions.get(name)))
         # A picture that does not arrive takes its random numbers, so that the others are as without losses.
-        seen = {name: TakenView(one.picture, self._detectors.detect(name, one.true, person, one.feet)) for name, one in (past or {}).items()}
+        seen = {name: TakenView(one.picture, self._detectors[name].detect(one.true, person, one.feet)) for name, one in (past or {}).items()}
         tick = Tick(state.index, state.index * self._period, tuple(views))
         truth = replace(state.truth, visible=_visible_fractions(person, [true[name] for name in self._mounts]))
         return Frame(tick, truth, true, state.samples, images, pictures={name: one for name, one in seen.items() if one.picture.arrives})

@@ -25,29 +25,22 @@ BORDER = 1.0
 """px: an edge of a box that is nearer to the border of the image is cut by it."""
 
 
-@final
-class ViewDetectors:
-    """The simulated detectors of the views of a scenario, as its `detector_model` says. Call `detect` once a view and frame.
-
-    mounts: camera → Mount. persons: ids of all people of the run.
-    """
-
-    def __init__(self, scenario: Scenario, mounts: Mapping[str, Mount], persons: Iterable[int]) -> None:
-        errors = IndependentErrors(scenario.misses, scenario.clutter, scenario.bearing_noise, scenario.min_visible)
-        model, people = model_of(scenario.detector_model, errors), list(persons)
-        self.detectors = {
-            name: ViewDetector(model, mount.camera, (mount.period or scenario.period, people), scenario.stream(f"detector/{name}"))
-            for name, mount in mounts.items()
-        }
-
-    def detect(self, name: str, view: ViewTruth, persons: Ints, feet: Array) -> Detections:
-        """Detections in a view. persons (m,) ids and feet (m, 3) m, world, of all people who are present."""
-        return self.detectors[name].detect(view, persons, feet)
+def view_detectors(scenario: Scenario, mounts: Mapping[str, Mount], persons: Iterable[int]) -> dict[str, ViewDetector]:
+    """Camera → its simulated detector, as the `detector_model` of a scenario says. persons: ids of all people of the run."""
+    errors = IndependentErrors(scenario.misses, scenario.clutter, scenario.bearing_noise, scenario.min_visible)
+    model, people = model_of(scenario.detector_model, errors), list(persons)
+    return {
+        name: ViewDetector(model, mount.camera, (mount.period or scenario.period, people), scenario.stream(f"detector/{name}"))
+        for name, mount in mounts.items()
+    }
 
 
 @final
 class ViewDetector:
-    """The simulated detector of one view by a model. run: period s, and ids of all people of the run. rng: the random stream of the view."""
+    """The simulated detector of one view by a model: call `detect` once a frame.
+
+    run: period s, and ids of all people of the run. rng: the random stream of the view.
+    """
 
     def __init__(self, model: Model, camera: Camera, run: tuple[float, Iterable[int]], rng: np.random.Generator) -> None:
         self.model, self.camera, self.rng = model, camera, rng
