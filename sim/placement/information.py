@@ -44,7 +44,7 @@ TERMS: dict[str, str] = {
 INFORMATION, SEEN, SEEN_TWICE, COLLISIONS, NEAR_MISSES, TIP_OVERS, ENERGY = range(7)
 """Columns of the terms, in the order of TERMS."""
 ACCELERATION_DENSITY = 0.6
-"""Spectral density of the acceleration of people, m²/s³."""
+"""Spectral density of the acceleration of people, per axis, m²/s³."""
 VELOCITY_SIGMA = 1.2
 """Standard deviation of an unknown velocity, and the bound of its growth, m/s."""
 LOST_SIGMA = 4.0

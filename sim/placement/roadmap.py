@@ -71,12 +71,7 @@ class Roadmap:
 
     def nearest(self, points: Array) -> NDArray[np.int64]:
         """The nearest node (k,) to each of points (k, 2) m."""
-        return nearest(points, self.nodes)
-
-
-def nearest(points: Array, nodes: Array) -> NDArray[np.int64]:
-    """The nearest (k,) of nodes (n, 2) m to each of points (k, 2) m."""
-    return np.asarray(_nearest(np.asarray(points, dtype=np.float64), nodes))
+        return np.asarray(nearest(points, self.nodes))
 
 
 @njit(cache=True)
@@ -91,7 +86,8 @@ def nearest_node(nodes, x, y):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _nearest(points, nodes):  # type: ignore[no-untyped-def]
+def nearest(points, nodes):  # type: ignore[no-untyped-def]
+    """The nearest (k,) of nodes (n, 2) m to each of points (k, 2) m."""
     out = np.empty(len(points), np.int64)
     for k in range(len(points)):
         out[k] = nearest_node(nodes, points[k, 0], points[k, 1])[0]

@@ -11,6 +11,7 @@ import numpy as np
 
 from sim.placement import visibility
 from sim.placement.config import PlacementConfig
+from sim.placement.information import ACCELERATION_DENSITY
 from sim.placement.map import LANDMARKS, SURFACE_MARGIN, PlacementMap
 from sim.placement.movers import Mover
 from sim.placement.visibility import BODY_POINTS, line_of_sight
@@ -49,9 +50,6 @@ SAMPLES = 25
 
 MEMORY_DURATION = 8.0
 """Time for which a person is predicted after the last report of the track, s."""
-
-ACCELERATION_DENSITY = 0.6
-"""Spectral density of the acceleration of an unseen person, per axis, m²/s³."""
 
 MATCH_DISTANCE = 1.0
 """Distance within which a track replaces a predicted person: it is the same person under a new id, m."""

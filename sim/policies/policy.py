@@ -71,11 +71,10 @@ def waypoint_action(place: PlacementMap, numbers: NDArray[np.int64]) -> Array:
     return place.normalised(place.roadmap.nodes[numbers])
 
 
-@dataclass
 class Random:
     """Each robot goes to random nodes of the roadmap, one after another."""
 
-    action: str = "waypoint"
+    action = "waypoint"
 
     def begin(self, knowledge: TeamKnowledge, rng: np.random.Generator) -> None:
         self._rng = rng
@@ -92,15 +91,13 @@ class Random:
         return waypoint_action(knowledge.place, self._goals)
 
 
-@dataclass
 class Static:
     """The robots drive to the best ring around the centre of the walkable area, and stay there."""
 
-    action: str = "waypoint"
+    action = "waypoint"
 
     def begin(self, knowledge: TeamKnowledge, rng: np.random.Generator) -> None:
-        ring = best_ring(knowledge.place, len(knowledge.robots), knowledge.config.reach)
-        self._goals = ring
+        self._goals = best_ring(knowledge.place, len(knowledge.robots), knowledge.config.reach)
 
     def act(self, knowledge: TeamKnowledge) -> Array:
         # Goals are assigned again in each decision: two robots that meet swap goals.
@@ -135,7 +132,6 @@ def assign_goals(knowledge: TeamKnowledge, goals: NDArray[np.int64]) -> NDArray[
     return goals[linear_sum_assignment(distance)[1]]
 
 
-@dataclass
 class Lloyd:
     """Coverage control by Lloyd's descent (Cortés, Martínez, Karataş and Bullo 2004, Coverage control for mobile sensing networks).
 
@@ -145,7 +141,7 @@ class Lloyd:
     Among equal nodes, the nearest to the whole cell is chosen.
     """
 
-    action: str = "waypoint"
+    action = "waypoint"
 
     def begin(self, knowledge: TeamKnowledge, rng: np.random.Generator) -> None:
         roadmap = knowledge.place.roadmap

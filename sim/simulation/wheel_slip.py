@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.robots.rover import WHEEL_RADIUS, WHEELS
+from sim.robots.rover import WHEEL_RADIUS
 from sim.simulation.simulation import Simulation
 from tracker.geometry import Array
 
@@ -32,16 +32,12 @@ class Slip:
 
 
 def measure(simulation: Simulation, seconds: float) -> Slip:
-    """Drive all rovers for `seconds` s from the current state. Raises ValueError unless seconds is above 0."""
-    if not seconds > 0:
-        raise ValueError(f"seconds is {seconds}, needs more than 0")
-    wheels = np.array([[simulation.model.joint(f"{robot}/{wheel}").qposadr[0] for wheel in WHEELS] for robot in simulation.robots])
+    """Drive all rovers for `seconds` s, at least a frame, from the current state."""
     steps, tipped = [], 0
-    before = _poses(simulation)
-    turned = simulation.data.qpos[wheels].copy()
+    before, turned = _poses(simulation), simulation.wheel_angles()
     for _ in range(round(seconds / simulation.scenario.period)):
         simulation.step()
-        after, now = _poses(simulation), simulation.data.qpos[wheels].copy()
+        after, now = _poses(simulation), simulation.wheel_angles()
         ahead = before[:, :, 0] + after[:, :, 0]
         ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
         rolled = WHEEL_RADIUS * (now - turned).mean(axis=1)

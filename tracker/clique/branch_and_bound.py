@@ -52,13 +52,23 @@ def exact(graph: Graph, seconds: float = 60.0) -> Found:
 
 
 def _initial_state(graph: Graph) -> tuple[tuple[Any, ...], NDArray[np.int64]]:
-    """The state before the first branch, and the vertices by descending weight, in which order a class is as heavy as its first vertex."""
+    """The state before the first branch, and the vertices by descending weight, in which order a class is as heavy as its first vertex.
+
+    weight, adjacent; by depth: branch (vertices to try), bound (of each), left (their number); chosen (the clique); best; numbers (depth,
+    branches); heaviest (weight of best); free: by depth the vertices that can be added.
+    """
     n = len(graph)
     order = np.argsort(-graph.weight, kind="stable")
     rank = np.argsort(order)
     together = ~np.eye(n, dtype=bool)
     together[rank[np.repeat(np.arange(n), np.diff(graph.start))], rank[graph.conflict]] = False
-    return _empty_state(graph.weight[order], _bits(together)), order
+    free = np.zeros((n + 1, max(1, -(-n // 64))), dtype=np.uint64)
+    free[0] = _bits(np.ones((1, n), dtype=bool))[0]
+    state = (
+        graph.weight[order], _bits(together), np.zeros((n + 1, n), np.int64), np.zeros((n + 1, n)), np.full(n + 1, -1), np.zeros(n + 1, np.int64),
+        np.zeros(n, np.bool_), np.zeros(2, np.int64), np.zeros(1), free,
+    )  # fmt: skip
+    return state, order
 
 
 def _bits(rows: NDArray[np.bool_]) -> Words:
@@ -68,18 +78,6 @@ def _bits(rows: NDArray[np.bool_]) -> Words:
     padded = np.zeros((r, 64 * words), dtype=np.uint8)
     padded[:, :n] = rows
     return np.packbits(padded, axis=1, bitorder="little").view(np.uint64).reshape(r, words)
-
-
-def _empty_state(weight: Array, adjacent: Words) -> tuple[Any, ...]:
-    """weight, adjacent; by depth: branch (vertices to try), bound (of each), left (their number); chosen (the clique); best; numbers (depth,
-    branches); heaviest (weight of best); free: by depth the vertices that can be added."""
-    n = len(weight)
-    free = np.zeros((n + 1, max(1, -(-n // 64))), dtype=np.uint64)
-    free[0] = _bits(np.ones((1, n), dtype=bool))[0]
-    return (
-        weight, adjacent, np.zeros((n + 1, n), np.int64), np.zeros((n + 1, n)), np.full(n + 1, -1), np.zeros(n + 1, np.int64),
-        np.zeros(n, np.bool_), np.zeros(2, np.int64), np.zeros(1), free,
-    )  # fmt: skip
 
 
 @njit(cache=True)

@@ -38,9 +38,9 @@ class Source:
     truth: TruePeople
     description: dict[str, Any]
 
-    def samples(self, detections: Simulated | None = None, near: float = 0.0) -> Samples:
-        """The samples of its own boxes, or of `detections`. near: as in observations.match_frame."""
-        return samples_of(self.recording, observed(self.recording, self.truth, detections, near), bool(self.truth.boxes))
+    def samples(self, detections: Simulated | None = None) -> Samples:
+        """The samples of its own boxes, or of `detections`."""
+        return samples_of(self.recording, observed(self.recording, self.truth, detections), bool(self.truth.boxes))
 
 
 @dataclass(frozen=True, eq=False)

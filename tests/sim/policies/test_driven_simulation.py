@@ -39,8 +39,3 @@ def test_a_static_team_drives_to_its_ring_and_stays_there() -> None:
     for _ in range(3):
         one.step()
     assert np.linalg.norm(places(one) - before, axis=1).max() < 0.05
-
-
-def test_an_unknown_policy_is_refused() -> None:
-    with pytest.raises(ValueError, match="policy is 'wander', needs one of random, static, lloyd, greedy"):
-        PolicySimulation(SCENARIO, "wander")

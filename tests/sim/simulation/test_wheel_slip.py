@@ -4,7 +4,6 @@ import pytest
 from sim.scenario import Scenario
 from sim.simulation import wheel_slip
 from sim.simulation.simulation import Simulation
-from tests.sim.yard import yard
 
 
 @pytest.mark.soak
@@ -20,8 +19,3 @@ def test_slip_on_level_ground_is_below_two_per_cent():
 def test_the_error_of_a_segment_is_its_summed_error_over_its_length():
     steps = np.array([[0.1, 0.0, 0.0, 4.0], [0.05, 0.2, 0.0, 1.0], [1.0, 1.0, 1.0, 0.9]])
     np.testing.assert_allclose(wheel_slip._segment_errors(steps), [np.hypot(0.15, 0.2) / 5])
-
-
-def test_a_duration_of_zero_is_refused():
-    with pytest.raises(ValueError, match="seconds is 0"):
-        wheel_slip.measure(Simulation(Scenario(robots=1, people=0), yard()), 0)
