@@ -20,7 +20,7 @@ from sim.placement.visibility import ElevationMap, line_of_sight
 from sim.robots import driving
 from sim.robots.rover import HALF_WIDTH
 from sim.scenario import Scenario
-from sim.sensors.raycast_camera import LandmarkSensor
+from sim.sensors.raycast_camera import MISS_RATE, SIGHTING_NOISE, SIGHTING_REACH
 from tracker.geometry import Array
 from tracker.geometry.compilation import njit
 from worlds import catalogue
@@ -236,17 +236,17 @@ def map_of(key: MapKey) -> PlacementMap:
 def landmark_information(place: PlacementMap) -> Array:
     """Information (n, 3, 3) about x, y, yaw of a robot at each node of the roadmap, by the azimuths of landmarks in a decision.
 
-    Landmarks are drawn by the seed of the map. They have errors of LANDMARK_SIGMA, and views those of LandmarkSensor.
+    Landmarks are drawn by the seed of the map. They have errors of LANDMARK_SIGMA, and views SIGHTING_NOISE.
     """
-    points, sensor = place.surface_points(LANDMARKS, np.random.default_rng(place.key.seed)), LandmarkSensor()
+    points = place.surface_points(LANDMARKS, np.random.default_rng(place.key.seed))
     out = np.zeros((len(place.node_cameras), 3, 3))
     for k, camera in enumerate(place.node_cameras):
         dx, dy = (points[:, :2] - camera[:2]).T
         square = np.maximum(dx**2 + dy**2, 0.01)
-        visible = line_of_sight(place.elevation, camera, points, SURFACE_MARGIN) * (square < sensor.reach**2)
+        visible = line_of_sight(place.elevation, camera, points, SURFACE_MARGIN) * (square < SIGHTING_REACH**2)
         H = np.stack([dy / square, -dx / square, -np.ones(len(points))], axis=1)
-        variance = sensor.noise**2 / FRAMES_PER_DECISION + LANDMARK_SIGMA**2 / square
-        out[k] = (H * ((1.0 - sensor.miss_rate) * visible / variance)[:, None]).T @ H
+        variance = SIGHTING_NOISE**2 / FRAMES_PER_DECISION + LANDMARK_SIGMA**2 / square
+        out[k] = (H * ((1.0 - MISS_RATE) * visible / variance)[:, None]).T @ H
     return out
 
 

@@ -18,7 +18,7 @@ from sim.placement.visibility import BODY_POINTS, line_of_sight
 from sim.recording.frames import Measurements, tick_of
 from sim.recording.tracker_setup import START_SIGMA
 from sim.robots import odometry, rover
-from sim.sensors.raycast_camera import Landmarks, LandmarkSensor
+from sim.sensors.raycast_camera import Landmarks
 from sim.sensors.view_detectors import ViewDetector
 from tracker.detector_models.independent import IndependentErrors
 from tracker.detector_models.model import INDEPENDENT, model_of
@@ -194,7 +194,7 @@ class TrackerInLoop:
     def _sightings(self, camera: Pose) -> Sightings:
         """Sightings of landmarks by a camera, over the height map in place of exact rays."""
         elevation, eye = self.place.elevation, camera.translation
-        return LandmarkSensor().sightings(self.landmarks, camera, lambda points: line_of_sight(elevation, eye, points, SURFACE_MARGIN) > 0, self.rng)
+        return self.landmarks.sightings(camera, lambda points: line_of_sight(elevation, eye, points, SURFACE_MARGIN) > 0, self.rng)
 
     def _odometry(self, mover: Mover, poses: list[Pose]) -> list[Odometry]:
         """Odometry of the last frame: from the simulation, or simulated for wheels without slip and for gyroscopes."""

@@ -33,8 +33,14 @@ STATIC_GROUPS = np.array([1, 1, 0, 0, 0, 0], np.uint8)
 SKIN_POINTS = 48
 """Sample points on a person's surface, uniform over its area."""
 
-FARTHEST_LANDMARK = 200.0
-"""m: largest distance of a landmark from the point whose ray finds it."""
+LANDMARK_COUNT, FARTHEST_LANDMARK = 300, 200.0
+"""Number of landmarks in the world, and m: largest distance of a landmark from the point whose ray finds it."""
+SIGHTING_NOISE, SIGHTING_REACH = np.radians(0.12), 25.0
+"""Sigma of the bearing of a landmark, rad an axis, and range of sightings, m."""
+MISS_RATE, OUTLIER_RATE, OUTLIER_NOISE = 0.3, 0.02, 0.03
+"""Share of visible landmarks not found in a frame, share found with a larger sigma, and that sigma, rad."""
+DESCRIPTOR_SIZE, DESCRIPTOR_NOISE = 32, 0.2
+"""Length of a descriptor, and norm of its error over its own norm."""
 LEAST_VARIANCE = 1e-8
 """rad²: smallest variance, because the covariance of a detector without noise must be positive."""
 
@@ -101,64 +107,40 @@ class Landmarks:
     @staticmethod
     def described(points: Array, count: int, rng: np.random.Generator) -> Landmarks:
         """These points with random descriptors, drawn for `count` of them or more."""
-        descriptors = rng.normal(size=(count, LandmarkSensor.descriptor_size))
+        descriptors = rng.normal(size=(count, DESCRIPTOR_SIZE))
         return Landmarks(points, (descriptors / np.linalg.norm(descriptors, axis=1, keepdims=True))[: len(points)])
 
-
-@dataclass(frozen=True)
-class LandmarkSensor:
-    """Sensor model of landmarks.
-
-    count: number of landmarks in the world. noise: sigma of a bearing, rad an axis. miss_rate: share of visible landmarks not found in a frame.
-    outlier_rate: share found with sigma outlier_noise, rad. reach: range, m. descriptor_size: length of a descriptor.
-    descriptor_noise: norm of its error over its own norm. identified: whether sightings hold the index of the landmark.
-    """
-
-    count: int = 300
-    noise: float = np.radians(0.12)
-    miss_rate: float = 0.3
-    outlier_rate: float = 0.02
-    outlier_noise: float = 0.03
-    reach: float = 25.0
-    descriptor_size: int = 32
-    descriptor_noise: float = 0.2
-    identified: bool = False
-
-    def sightings(
-        self, landmarks: Landmarks, T_world_camera: Pose, visible: Callable[[Array], Mask], rng: np.random.Generator
-    ) -> Sightings:
+    def sightings(self, T_world_camera: Pose, visible: Callable[[Array], Mask], rng: np.random.Generator) -> Sightings:
         """Sightings by a panorama at T_world_camera, in random order. The draws of one landmark do not depend on the others.
 
         visible: which of points (m, 3) m in reach nothing occludes (m,).
         """
-        n = len(landmarks.points)
-        found, order = rng.random(n) >= self.miss_rate, rng.permutation(n)
-        sigma = np.where(rng.random(n) < self.outlier_rate, self.outlier_noise, self.noise)[:, None]
+        n = len(self.points)
+        found, order = rng.random(n) >= MISS_RATE, rng.permutation(n)
+        sigma = np.where(rng.random(n) < OUTLIER_RATE, OUTLIER_NOISE, SIGHTING_NOISE)[:, None]
         error = rng.normal(size=(n, 2)) * sigma
-        descriptor_error = rng.normal(size=landmarks.descriptors.shape) * self.descriptor_noise / np.sqrt(self.descriptor_size)
-        away = landmarks.points - T_world_camera.translation
+        descriptor_error = rng.normal(size=self.descriptors.shape) * DESCRIPTOR_NOISE / np.sqrt(DESCRIPTOR_SIZE)
+        away = self.points - T_world_camera.translation
         distance = np.linalg.norm(away, axis=1)
-        found &= (distance < self.reach) & (distance > 0.3)
-        found[found] = visible(landmarks.points[found])
+        found &= (distance < SIGHTING_REACH) & (distance > 0.3)
+        found[found] = visible(self.points[found])
         rows = order[found[order]]
         sight = away[rows] @ T_world_camera.rotation / distance[rows, None]
         bearing = perturbed_bearings(sight, error[rows])
-        subject = rows if self.identified else np.full(len(rows), -1)
-        descriptor = (landmarks.descriptors[rows] + descriptor_error[rows]).astype(np.float32)
-        return Sightings(bearing, np.full(len(rows), np.nan), subject, descriptor, np.tile(np.eye(2) * self.noise**2, (len(rows), 1, 1)))
+        descriptor, covariance = (self.descriptors[rows] + descriptor_error[rows]).astype(np.float32), np.eye(2) * SIGHTING_NOISE**2
+        return Sightings(bearing, np.full(len(rows), np.nan), np.full(len(rows), -1), descriptor, np.tile(covariance, (len(rows), 1, 1)))
 
 
 class RaycastCamera:
     """Ray-casting camera in the current state of a simulation.
 
-    landmarks: (n, 3) m, world, on the ground and on props; drawn from the scenario's stream "landmarks".
+    landmarks: on the ground and on props; drawn from the scenario's stream "landmarks".
     """
 
-    def __init__(self, simulation: Simulation, landmark_sensor: LandmarkSensor | None = None) -> None:
-        self.simulation, self.landmark_sensor = simulation, landmark_sensor or LandmarkSensor()
-        rng = simulation.scenario.stream("landmarks")
-        self.landmarks = _landmark_points(simulation, self.landmark_sensor.count, rng)
-        self._landmarks = Landmarks.described(self.landmarks, len(self.landmarks), rng)
+    def __init__(self, simulation: Simulation) -> None:
+        self.simulation, rng = simulation, simulation.scenario.stream("landmarks")
+        points = _landmark_points(simulation, LANDMARK_COUNT, rng)
+        self.landmarks = Landmarks.described(points, len(points), rng)
         self.raycaster = Raycaster(simulation)
         self._surfaces = {int(person): _PersonSurface.of(simulation.model, f"person_{person}") for person in simulation.all_persons}
 
@@ -197,9 +179,8 @@ class RaycastCamera:
         return truth_above(self.simulation.world, T_world_camera, boxes, Keypoints.none())
 
     def sightings(self, T_world_camera: Pose, rng: np.random.Generator) -> Sightings:
-        """Landmarks visible from a panorama at T_world_camera, as of LandmarkSensor."""
-        eye = T_world_camera.translation
-        return self.landmark_sensor.sightings(self._landmarks, T_world_camera, lambda points: self.raycaster.first_hit(eye, points)[1], rng)
+        """Landmarks visible from a panorama at T_world_camera."""
+        return self.landmarks.sightings(T_world_camera, lambda points: self.raycaster.first_hit(T_world_camera.translation, points)[1], rng)
 
     def _unoccluded(self, eye: Array, points: list[Array], persons: Ints) -> list[Mask]:
         """For each person, a mask (n,) of the points (n, 3) m that nothing but the person itself occludes."""

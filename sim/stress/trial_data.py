@@ -91,7 +91,7 @@ def simulate_case(case: Case, rendered: bool, detector: PersonDetector | None = 
         frames = [replace(frame, images={}) for frame in rendered_frames(recording.simulation, setup)]
     else:
         camera = RaycastCamera(recording.simulation)
-        landmarks = camera.landmarks
+        landmarks = camera.landmarks.points
         frames = list(raycast_frames(recording.simulation, setup, camera))
         frames = [_crop_truth(frame, setup) for frame in frames] if setup.area is not None else frames
     if detector is not None:

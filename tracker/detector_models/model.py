@@ -175,7 +175,7 @@ class DetectorModel:
                 raise ValueError(f"{part}.samples is empty, needs samples where there are such boxes")
 
 
-PARTS: dict[str, type] = {name: kind for name, kind in get_type_hints(DetectorModel).items() if is_dataclass(kind)}
+PARTS: dict[str, type] = {name: kind for name, kind in get_type_hints(DetectorModel).items() if isinstance(kind, type) and is_dataclass(kind)}
 UNUSED = ("fills", "fill_time_s")
 """Fields of `edges` in files of 0.4.0, which are not read: predictions of real rows are as good without them."""
 Model = DetectorModel | IndependentErrors

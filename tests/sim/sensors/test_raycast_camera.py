@@ -10,7 +10,8 @@ from sim.recording.frames import Frame, raycast_frames
 from sim.recording.record import rendered_frames
 from sim.recording.tracker_setup import make_setup
 from sim.scenario import Scenario
-from sim.sensors.raycast_camera import TARGET_MARGIN, LandmarkSensor, RaycastCamera
+from sim.sensors import raycast_camera
+from sim.sensors.raycast_camera import TARGET_MARGIN, RaycastCamera
 from sim.sensors.true_boxes import People
 from sim.simulation.simulation import Simulation
 from tests.sim.yard import yard
@@ -59,27 +60,32 @@ def test_boxes_and_visible_fractions_match_rendered_ones(both: tuple[list[Frame]
     assert np.percentile(seen, 90) < 2.5
 
 
-def test_sightings_point_at_unoccluded_landmarks() -> None:
+def test_sightings_point_at_unoccluded_landmarks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(raycast_camera, "OUTLIER_RATE", 0.0)
+    monkeypatch.setattr(raycast_camera, "MISS_RATE", 0.0)
     simulation = Simulation(replace(SCENARIO, people=4), world=yard())
-    lines = RaycastCamera(simulation, LandmarkSensor(identified=True, outlier_rate=0.0, miss_rate=0.0))
-    assert len(lines.landmarks) == 300
+    lines = RaycastCamera(simulation)
+    landmarks = lines.landmarks.points
+    assert len(landmarks) == 300
     pose = simulation.T_world_robot("robot_0") @ simulation.mount("robot_0")
     seen = lines.sightings(pose, np.random.default_rng(1))
     assert 40 < len(seen) < 300
-    away = lines.landmarks[seen.subject] - pose.translation
+    # Errors of descriptors are small beside their distances from each other.
+    subject = np.argmax(seen.descriptor @ lines.landmarks.descriptors.T, axis=1)
+    away = landmarks[subject] - pose.translation
     distance = np.linalg.norm(away, axis=1)
     sight = away / distance[:, None]
     angle = np.arccos(np.clip(np.einsum("ni,ni->n", seen.bearing @ pose.rotation.T, sight), -1, 1))
     # Two axes of 0.12 degrees each.
     assert np.sqrt((angle**2).mean() / 2) == pytest.approx(np.radians(0.12), rel=0.2)
-    hidden = np.setdiff1d(np.arange(300), seen.subject)
+    hidden = np.setdiff1d(np.arange(300), subject)
     geom = np.zeros(1, np.int32)
     groups = np.array([1, 1, 1, 1, 0, 0], np.uint8)
-    for rows, clear in ((seen.subject, True), (hidden, False)):
+    for rows, clear in ((subject, True), (hidden, False)):
         for row in rows[:40]:
-            way = lines.landmarks[row] - pose.translation
+            way = landmarks[row] - pose.translation
             length = float(np.linalg.norm(way))
-            if length >= lines.landmark_sensor.reach:
+            if length >= raycast_camera.SIGHTING_REACH:
                 continue
             hit = mujoco.mj_ray(simulation.model, simulation.data, pose.translation.copy(), way / length, groups, 1, -1, geom, None)
             assert (hit > length - TARGET_MARGIN) == clear
