@@ -145,8 +145,8 @@ class _Calibrator:
             rows = adjusted.rows
         self.rows = dict(zip(names, rows, strict=True))
         found = self._result(adjusted, names)
-        moves = np.delete(moved, OFFSET, axis=1).any(axis=1)
-        unmoved = {name: self.recording.cameras[name] for name, other in zip(names, moves, strict=True) if not other}
+        moves = np.delete(moved, OFFSET, axis=1)
+        unmoved = {name: self.recording.cameras[name] for name, own in zip(names, moves, strict=True) if not own.any()}
         return replace(found, cameras={**found.cameras, **unmoved}, moved_frame=False, changes=tuple(changes(names, given, adjusted, moved)))
 
     def _contradictions(self, adjusted: Adjusted) -> list[str]:
