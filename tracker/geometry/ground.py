@@ -129,9 +129,7 @@ def _heights(heights: Array, origin: Array, spacing: float, points: Array) -> Ar
 
 
 @njit(cache=True)
-def _march(
-    heights: Array, peaks: Array, origin: Array, spacing: float, origins: Array, directions: Array, limit: float, until: Array
-) -> Array:
+def _march(heights: Array, peaks: Array, origin: Array, spacing: float, origins: Array, directions: Array, limit: float, until: Array) -> Array:
     """Distance along each ray (n,) m to the ground, −1 where the ray does not meet it within `limit` m.
 
     A ray steps over the lines x whole, y whole and x − y whole (the diagonals) of a grid with unit cells. It is followed up to the first of them that

@@ -58,9 +58,7 @@ def body_boxes(camera: Camera, T_world_camera: Pose, feet: Array, body: tuple[fl
     return boxes_from_edges(camera, seen[shown])
 
 
-def body_outlines(
-    camera: Camera, T_world_camera: Pose, feet: Array, body: tuple[float | Array, float] = (1.75, 0.5)
-) -> tuple[Ints, Array, Array]:
+def body_outlines(camera: Camera, T_world_camera: Pose, feet: Array, body: tuple[float | Array, float] = (1.75, 0.5)) -> tuple[Ints, Array, Array]:
     """Outlines of bodies, also where they lie beyond the image: rows (m,) of `feet`, and lowest and highest corner (m, 2) px of each.
 
     feet (k, 3) m, world. body: height, of all or (k,), and width, m, of upright cylinders.
