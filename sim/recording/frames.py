@@ -22,7 +22,7 @@ from sim.sensors.true_boxes import People
 from sim.sensors.view_detectors import view_detectors
 from sim.simulation.simulation import Simulation
 from tracker.geometry import Array, Ints, Pose
-from tracker.types import Detections, Odometry, RobotDetections, SensorSamples, Setup, Sightings, Tick, Truth, View, ViewTruth
+from tracker.types import Detections, Mount, Odometry, RobotDetections, SensorSamples, Setup, Sightings, Tick, Truth, View, ViewTruth
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +112,29 @@ def _truth(index: int, simulation: Simulation, setup: Setup) -> Truth:
     return Truth(index, poses, persons, simulation.feet(), np.zeros((len(persons), 0)), simulation.joints(), tipped, sitting)
 
 
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """What is measured in one frame: by camera, but for odometry, by robot."""
+
+    detections: Mapping[str, Detections]
+    odometry: Mapping[str, Odometry]
+    sightings: Mapping[str, Sightings] = field(default_factory=dict)
+    companions: Mapping[str, RobotDetections | None] = field(default_factory=dict)
+    images: Mapping[str, RenderedImage] = field(default_factory=dict)
+
+
+def tick_of(index: int, period: float, mounts: Mapping[str, Mount], measured: Measurements) -> Tick:
+    """The tick of a frame. The first view of a robot brings its odometry. period: s between frames."""
+    views, odometry = [], dict(measured.odometry)
+    for name, mount in mounts.items():
+        if name not in measured.detections:
+            continue
+        image = measured.images[name].colour if name in measured.images else None
+        seen, found = measured.sightings.get(name), measured.companions.get(name)
+        views.append(View(name, measured.detections[name], seen, odometry.pop(mount.robot, None), image=image, robot_detections=found))
+    return Tick(index, index * period, tuple(views))
+
+
 @final
 class ViewTimes:
     """When the fixed cameras of a setup that are not in step with the frames take their pictures.
@@ -172,17 +195,10 @@ class FrameAssembler:
         past: the pictures that cameras that are not in step took since the frame before.
         """
         person, feet, images = state.truth.person_id, state.truth.feet, images or {}
-        views, odometry, sightings = [], dict(state.odometry), sightings or {}
-        for name, mount in self._mounts.items():
-            if name in self.times.pictures:
-                continue
-            found, image = self._detectors[name].detect(true[name], person, feet), images[name].colour if name in images else None
-            # The first view of a robot brings its odometry.
-            driven = odometry.pop(mount.robot, None)
-            views.append(View(name, found, sightings.get(name), driven, image=image, robot_detections=state.companions.get(name)))
+        found = {name: self._detectors[name].detect(true[name], person, feet) for name in self._mounts if name not in self.times.pictures}
         # A picture that does not arrive takes its random numbers, so that the others are as without losses.
         seen = {name: TakenView(one.picture, self._detectors[name].detect(one.true, person, one.feet)) for name, one in (past or {}).items()}
-        tick = Tick(state.index, state.index * self._period, tuple(views))
+        tick = tick_of(state.index, self._period, self._mounts, Measurements(found, state.odometry, sightings or {}, state.companions, images))
         truth = replace(state.truth, visible=_visible_fractions(person, [true[name] for name in self._mounts]))
         return Frame(tick, truth, true, state.samples, images, pictures={name: one for name, one in seen.items() if one.picture.arrives})
 
