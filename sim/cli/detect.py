@@ -55,8 +55,8 @@ class Detect:
 
     def run(self) -> None:
         from tracker.formats.opening import images_checksum, open_sequence
+        from tracker.formats.registry import SOURCES
         from tracker.formats.source_options import SourceOptions
-        from tracker.formats.table import SOURCES
         from tracker.io.picture_folders import READ
         from tracker.io.resume import INPUTS
         from tracker.person_detector.detection_run import DetectionRun, write_detections

@@ -63,7 +63,7 @@ class Export:
         from tracker.formats.aicity.export import export_results, is_results
         from tracker.formats.exporting import ExportOptions, export, export_source
         from tracker.formats.opening import is_pilsim
-        from tracker.formats.table import SOURCES
+        from tracker.formats.registry import SOURCES
         from tracker.io.progress import progress_bar
 
         def progress(frames: Iterable[int], name: str) -> Iterable[int]:

@@ -53,8 +53,8 @@ class Score:
 
     def run(self) -> None:
         from tracker.formats.opening import format_of, open_sequence
+        from tracker.formats.registry import UTIAS
         from tracker.formats.source_options import SourceOptions
-        from tracker.formats.table import UTIAS
         from tracker.metrics.evaluation import efficiency, evaluate, evaluate_files, table
         from tracker.planar_slam import trajectories, utias_run
         from tracker.sequence.results import read_results

@@ -97,7 +97,7 @@ class Track:
         from sim.parallel.pool import usable_cores
         from tracker.detections.rejections import explain_few_people
         from tracker.formats.opening import format_of, images_checksum, open_sequence
-        from tracker.formats.table import PILSIM, UTIAS
+        from tracker.formats.registry import PILSIM, UTIAS
         from tracker.io.resume import INPUTS
         from tracker.person_detector.detected_ticks import detected_in_images
         from tracker.person_detector.network import PersonNetwork

@@ -81,7 +81,7 @@ def write_raycast_recording(made: SimulatedSequence, folder: Path, area: Array |
                 detections[name][number] = _boxes(setup, name, boxes), boxes.confidence
         moved.add(frame, setup)
     clocks = {name: CameraClock(stamps=of_camera) for name, of_camera in stamps.items()}
-    cameras = {name: RecordingCamera(one.camera, one.pose) for name, one in made.fixed.items()}
+    cameras = dict(made.fixed)
     cameras |= {name: RecordingCamera(m.camera, m.T_body_camera, m.robot) for name, m in told.mounts.items() if m.robot in setup.moving_robots}
     boxes_of: dict[str, FrameBoxes] = dict(detections)
     recording = Recording(

@@ -33,8 +33,8 @@ from sim.simulation.simulation import Simulation, furnished
 from sim.visualization.overlays import colour_of, save_png
 from tracker.formats.opening import format_of, open_recording
 from tracker.formats.pets2009 import PETS_AREA, PETS_RATE, Annotations, annotation_file, calibration_of, ground_truth, read_annotations
+from tracker.formats.registry import PILSIM
 from tracker.formats.source_options import SourceOptions, camera_named
-from tracker.formats.table import PILSIM
 from tracker.geometry import Array, Image, Ints, Pose
 from tracker.geometry.cameras import Camera
 from tracker.geometry.ground import Flat

@@ -1,4 +1,4 @@
 """The formats of others, one module or package each: reader, writer, opening of a folder, and export of a sequence of pilsim.
 
-Read `table.py` first: the table of all formats.
+Read `registry.py` first: the table of all formats.
 """

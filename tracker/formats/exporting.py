@@ -8,7 +8,7 @@ from pathlib import Path
 from tracker.formats.exported_sequence import Progress, RecordedSequence, export_folder
 from tracker.formats.opening import open_recording
 from tracker.formats.recording_export import README
-from tracker.formats.table import EXPORTS, Export
+from tracker.formats.registry import EXPORTS, Export
 from tracker.io.atomic import write_text
 from tracker.recordings.folder import write_recording
 from tracker.sequence.dataset import sequences

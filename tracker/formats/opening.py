@@ -1,4 +1,4 @@
-"""Opening a folder by what lies in it, as tracker/formats/table.py lists the formats."""
+"""Opening a folder by what lies in it, as tracker/formats/registry.py lists the formats."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from tracker.detections.boxes import detections_from_boxes, feet_seen
+from tracker.formats.registry import PILSIM, SOURCES, UTIAS, Format, is_sequence
 from tracker.formats.ros.bag_reader import is_bag
 from tracker.formats.source_options import SourceOptions, camera_named
-from tracker.formats.table import PILSIM, SOURCES, UTIAS, Format, is_sequence
 from tracker.io.mot15 import VISIBLE_FILE
 from tracker.io.picture_folders import content_checksum
 from tracker.io.resume import checksum

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracker.formats.opening import format_of, is_pilsim, open_recording
-from tracker.formats.table import UTIAS
+from tracker.formats.registry import UTIAS
 from tracker.io.csv_tables import read_table
 from tracker.io.json_files import read_json
 from tracker.planar_slam.utias_files import read_utias

@@ -14,8 +14,8 @@ import numpy as np
 from tracker.detector_models.bodies import bodies_in_view
 from tracker.detector_models.observations import judged, true_people
 from tracker.formats.opening import format_of, open_recording
+from tracker.formats.registry import PILSIM, UTIAS
 from tracker.formats.source_options import SourceOptions, camera_named
-from tracker.formats.table import PILSIM, UTIAS
 from tracker.geometry import Array, Mask, Pose
 from tracker.geometry.cameras import Camera
 from tracker.geometry.ground import Ground

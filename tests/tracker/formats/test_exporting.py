@@ -13,7 +13,7 @@ from tests.tracker import sequences
 from tests.tracker.formats import scene
 from tracker.formats.exporting import ExportOptions, export
 from tracker.formats.opening import open_sequence
-from tracker.formats.table import EXPORTS as FORMATS
+from tracker.formats.registry import EXPORTS as FORMATS
 from tracker.metrics.evaluation import evaluate
 from tracker.sequence.reader import read_sequence
 from tracker.sequence.results import Results

@@ -15,11 +15,11 @@ import pytest
 from sim.cli.export import Format
 from tests.tracker.formats.small_sources import FRAMES, RECORDINGS, SOURCES
 from tracker.formats.opening import format_of, open_recording, open_sequence
+from tracker.formats.registry import EXPORTS
+from tracker.formats.registry import FORMATS as TABLE
+from tracker.formats.registry import SOURCES as FORMATS
 from tracker.formats.source_options import SourceOptions
 from tracker.formats.summary import summarize
-from tracker.formats.table import EXPORTS
-from tracker.formats.table import FORMATS as TABLE
-from tracker.formats.table import SOURCES as FORMATS
 from tracker.metrics.evaluation import evaluate
 from tracker.run import tracked
 from tracker.sequence.schema import ODOMETRY
