@@ -65,12 +65,12 @@ def test_fixed_cameras_see_the_walkable_area(name: str) -> None:
     ground = place.feet.origin + place.feet.spacing * np.stack([j, i], axis=1)
     points = np.column_stack([ground, place.terrain.height_at(ground) + 1.0])
     for one in cameras.values():
-        _, inside = one.camera.pixels_from_bearings(one.T_world_camera.inverse().apply(points))
+        _, inside = one.camera.pixels_from_bearings(one.pose.inverse().apply(points))
         assert inside.mean() > 0.2
-        above = one.T_world_camera.translation[2] - place.terrain.height_at(one.T_world_camera.translation[None, :2])[0]
+        above = one.pose.translation[2] - place.terrain.height_at(one.pose.translation[None, :2])[0]
         assert 2.0 < above < 5.0
     again = place_cameras(place, 4, 96)
-    assert all((again[view].T_world_camera.translation == cameras[view].T_world_camera.translation).all() for view in cameras)
+    assert all((again[view].pose.translation == cameras[view].pose.translation).all() for view in cameras)
 
 
 def test_too_many_fixed_cameras_are_refused() -> None:
@@ -95,12 +95,12 @@ def test_cameras_of_a_room_are_in_its_corners_and_see_its_middle() -> None:
     cameras = corner_cameras(room, 4, 384)
     assert len(cameras) == 4
     for one in cameras.values():
-        x, y, z = one.T_world_camera.translation
+        x, y, z = one.pose.translation
         # The room ends at 3.85 and 1.7 m.
         assert 3.3 < abs(x) < 3.85
         assert 1.15 < abs(y) < 1.7
         assert 2.0 <= z <= 3.0
-        pixels, inside = one.camera.pixels_from_bearings(one.T_world_camera.inverse().apply(np.array([[0.0, 0.0, 0.8], [0.0, 0.0, 1.8]])))
+        pixels, inside = one.camera.pixels_from_bearings(one.pose.inverse().apply(np.array([[0.0, 0.0, 0.8], [0.0, 0.0, 1.8]])))
         assert inside.all()
         np.testing.assert_allclose(pixels[0], [192, 144], atol=0.51)
     with pytest.raises(ValueError, match="views is 5, a room has 4 corners"):

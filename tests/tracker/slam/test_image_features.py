@@ -143,7 +143,7 @@ def test_the_calibration_holds_times_of_rows(key: str) -> None:
     written = calibration_of(Setup({"robot_0_camera": mount}, ground, {"robot_0": start}, 0.1))
     assert getattr(setup_from(written, ground, None).mounts["robot_0_camera"], key) == 0.03
     written["cameras"]["robot_0_camera"][key] = 2.0
-    with pytest.raises(ValueError, match=rf"{key} of camera 'robot_0_camera' is 2.0 s, needs 0 to 1"):
+    with pytest.raises(ValueError, match=rf"camera 'robot_0_camera': {key} is 2.0, needs a number from 0 to 1: seconds"):
         setup_from(written, ground, None)
     del written["cameras"]["robot_0_camera"][key]
     assert getattr(setup_from(written, ground, None).mounts["robot_0_camera"], key) == 0
