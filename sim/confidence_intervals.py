@@ -27,6 +27,7 @@ _BOUNDS: dict[str, Bounds] = (
     | dict.fromkeys(("collisions", "near_misses", "tip_overs", "energy", "way_m", "act_ms"), AT_LEAST_ZERO)
 )
 CONFIDENCE = 0.95
+"""Of an interval where none is given: the share of samples whose interval holds the true mean."""
 FEWEST_RESAMPLED = 6
 """Values from which the bootstrap is used. Five values have too few distinct resamples for a coverage near 95 %."""
 RESAMPLES = 4999

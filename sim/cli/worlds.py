@@ -45,7 +45,9 @@ class Worlds:
         from tracker.io.file_lock import folder_lock
 
         with nullcontext() if self.preview is None else folder_lock(self.preview), locked(self.export):
-            rows = survey(self.name, self.difficulty, self.seed, self.distractors, self.slip, self.preview, self.export)
+            rows = survey(
+                self.name, self.difficulty, self.seed, distractors=self.distractors, seconds=self.slip, pictures=self.preview, file=self.export
+            )
         print(json_text(rows, indent=1) if self.json else describe(rows))
         if not self.json:
             for note in rows[0].get("notes", []):

@@ -113,7 +113,11 @@ class MomentRenderer:
     def draw(self, moment: Moment) -> Drawn:
         """Coded images and people of a moment."""
         rendered, form, files = self.render(moment), self.scene.form, {}
-        layers = Layers(*({name: getattr(image, of) for name, image in rendered.images.items()} for of in ("instances", "range", "classes")))
+        layers = Layers(
+            instances={name: image.instances for name, image in rendered.images.items()},
+            range={name: image.range for name, image in rendered.images.items()},
+            classes={name: image.classes for name, image in rendered.images.items()},
+        )
         for name, image in rendered.images.items():
             if not self.scene.raw:
                 path, options = form.colour_file(view_name(name, moment.frame))

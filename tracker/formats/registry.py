@@ -121,6 +121,5 @@ WRITTEN = {
     "MCAP, ROS 1, ROS 2": Export("mcap", "MCAP with ROS 2 messages", scene.README, scene.export_mcap, ("epoch",)),
 }
 """Page → the export of a format that is only written."""
-FORMATS = (*SOURCES, *(Format(export.name, export.title, page, lambda _: False, export=export) for page, export in WRITTEN.items()))
-EXPORTS = {form.export.name: form.export for form in FORMATS if form.export is not None}
+EXPORTS = {export.name: export for export in (*(form.export for form in SOURCES), *WRITTEN.values()) if export is not None}
 """Name after --format → export."""

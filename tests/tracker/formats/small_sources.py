@@ -142,6 +142,6 @@ SOURCES: dict[str, tuple[str, Callable[[Path], Path]]] = {
     "aicity": ("aicity", write_aicity),
     "pets": ("pets2009", write_pets),
 }
-"""Kind → the name of its format in table.FORMATS, and the writer of a folder of it that is not there yet."""
+"""Kind → the name of its format in registry.SOURCES, and the writer of a folder of it that is not there yet."""
 RECORDINGS = ("own", "wildtrack", "multiviewx", "jrdb", "aicity", "pets")
 """The kinds that have cameras and boxes and are read as a Recording."""

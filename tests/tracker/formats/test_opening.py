@@ -15,8 +15,7 @@ import pytest
 from sim.cli.export import Format
 from tests.tracker.formats.small_sources import FRAMES, RECORDINGS, SOURCES
 from tracker.formats.opening import format_of, open_recording, open_sequence
-from tracker.formats.registry import EXPORTS
-from tracker.formats.registry import FORMATS as TABLE
+from tracker.formats.registry import EXPORTS, WRITTEN
 from tracker.formats.registry import SOURCES as FORMATS
 from tracker.formats.source_options import SourceOptions
 from tracker.formats.summary import summarize
@@ -273,9 +272,10 @@ def test_readme_has_a_row_for_each_format() -> None:
     """The table of tracker/README.md says of each format what the table in the code does."""
     text = (Path(__file__).parents[3] / "tracker" / "README.md").read_text(encoding="utf-8")
     rows = {cells[0]: cells for line in text.splitlines() if len(cells := [cell.strip() for cell in line.strip("|").split("|")]) == 7}
-    for form in TABLE:
-        _, _, read, _, _, written, _ = rows[form.page]
-        assert (read == "yes") == (form in FORMATS), form.page
-        assert (form.export is not None) == ("`export --format" in written), form.page
-        assert form.export is None or f"`export --format {form.export.name}`" in written, form.page
+    opened = [(form.page, True, form.export) for form in FORMATS]
+    for page, is_opened, export in (*opened, *((page, False, export) for page, export in WRITTEN.items())):
+        _, _, read, _, _, written, _ = rows[page]
+        assert (read == "yes") == is_opened, page
+        assert (export is not None) == ("`export --format" in written), page
+        assert export is None or f"`export --format {export.name}`" in written, page
     assert set(get_args(Format)) == set(EXPORTS)
