@@ -1,6 +1,6 @@
 """Files of parameters (TOML): values of single fields by their paths, as `pilsim tune` writes them for `--parameters`.
 
-    max_gain = 5.2
+    residence = 50.0
     "motion.foot_spread" = 0.3
     "detection_rates.log_ratios.0" = 0.5
 

@@ -6,7 +6,7 @@ and the standard deviations of MOTA and IDF1 of the last part.
 ROWS are regular expressions of whole names, or groups: pets, cmc, wildtrack, room, campus, ruins. Without ROWS, all rows run but crowds, which take
 an hour.
 
-`python -m tests.benchmarks.one_tracker pets-157 cmc --delay 10 --set max_gain=5 --set motion.foot_spread=0.3 --tuning`
+`python -m tests.benchmarks.one_tracker pets-157 cmc --delay 10 --set residence=5 --set motion.foot_spread=0.3 --tuning`
 """
 
 from __future__ import annotations

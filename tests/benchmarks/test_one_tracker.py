@@ -57,11 +57,11 @@ def test_transforms_keep_the_order_of_confidences(name: str) -> None:
 
 
 def test_fields_of_parts_are_set() -> None:
-    parameters = with_fields(parameters_from({}), ["max_gain=5", "motion.foot_spread=0.3", "n_conf=4"])
-    assert (parameters.targets.max_gain, parameters.targets.motion.foot_spread, parameters.targets.n_conf) == (5.0, 0.3, 4)
+    parameters = with_fields(parameters_from({}), ["residence=5", "motion.foot_spread=0.3", "n_conf=4"])
+    assert (parameters.targets.residence, parameters.targets.motion.foot_spread, parameters.targets.n_conf) == (5.0, 0.3, 4)
 
 
-@pytest.mark.parametrize("setting", ["foo=1", "motion.foo=1", "max_gain.x=1", "max_gain=many", "n_conf=1.5", "motion=1", "max_gain"])
+@pytest.mark.parametrize("setting", ["foo=1", "motion.foo=1", "residence.x=1", "residence=many", "n_conf=1.5", "motion=1", "residence"])
 def test_other_fields_are_one_line(setting: str) -> None:
     with pytest.raises(ValueError, match="--set is"):
         with_fields(parameters_from({}), [setting])

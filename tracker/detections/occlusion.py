@@ -102,13 +102,9 @@ class Bodies:
         visible = inside & ~_hidden(occluders, origin, direction.reshape(n, -1, 3), distance.reshape(n, -1), reach)
         return np.asarray(DETECTED_BY_POINTS[visible.sum(axis=1)] * inside.any(axis=1) * np.where(behind, DETECTED_BEHIND_PERSON, 1.0))
 
-    def expected_by_view(self, views: list[Viewpoint], reach: float, wanted: Mask | None = None) -> Array:
-        """`expected_detection` of all views, (n, v). wanted (n, v): 0 elsewhere; by default all."""
-        out = np.zeros((len(self.points), len(views)))
-        for v, view in enumerate(views):
-            rows = None if wanted is None else np.flatnonzero(wanted[:, v])
-            out[slice(None) if rows is None else rows, v] = self.expected_detection(view, reach, rows)
-        return out
+    def expected_by_view(self, views: list[Viewpoint], reach: float) -> Array:
+        """`expected_detection` of all views, (n, v)."""
+        return np.array([self.expected_detection(view, reach) for view in views]).reshape(len(views), len(self.points)).T.copy()
 
     def occluded_by_view(self, views: list[Viewpoint]) -> Array:
         """`occluded` of all views, (n, v, 2)."""

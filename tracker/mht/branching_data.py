@@ -121,7 +121,7 @@ class BoxTable(NamedTuple):
         ambiguous, known = column("ambiguous", ()) > 0, np.repeat([f.known for f in views], np.diff(start))
         return BoxTable(
             origin, later, bias, sensors.registration_bias.centre, start, column("direction", (3,)), column("covariance", (2, 2)),
-            column("feet_hidden", ()), np.tan(column("head_elevation", ())), ratio, np.minimum(existence, q.max_gain), weakness,
+            column("feet_hidden", ()), np.tan(column("head_elevation", ())), ratio, existence, weakness,
             column("cut", ()) > 0, known.astype(bool), np.where(ambiguous, np.cumsum(ambiguous) - 1, -1), RangeTable.of(views, q.fusion.statures),
         )  # fmt: skip
 

@@ -15,7 +15,7 @@ from tracker.clique.local_search import Graph, Limits, Options, search
 from tracker.clique.set_packing import Effort, heaviest_clique
 from tracker.geometry import Array, Ints, Mask
 from tracker.geometry.compilation import njit
-from tracker.mht.track_trees import TrackHypotheses, weights
+from tracker.mht.track_trees import TrackHypotheses
 from tracker.tracks.parameters import MhtParameters
 
 
@@ -60,9 +60,9 @@ class HypothesisSearch:
         conflict (n, n): as of `conflicts_of`. previous (k, n): for each hypothesis of the last tick, which leaves are children of its leaves.
         """
         q = self.parameters
-        weight = weights(leaves, q.max_weight)
+        weight = leaves.score
         # A leaf that is too fast is not kept. If it were chosen here, its tree would lose the leaves that agree with the others.
-        usable = (weight > 0) & (leaves.score > 0) & (leaves.speed <= q.motion.v_max)
+        usable = (weight > 0) & (leaves.speed <= q.motion.v_max)
         # Leaves that are not usable stay in the graph, but are never chosen.
         graph = Graph.from_rows(weight, np.count_nonzero(conflict, axis=1), np.flatnonzero(conflict) % max(len(weight), 1))
         solved: Solved = {}

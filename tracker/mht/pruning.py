@@ -14,7 +14,7 @@ from tracker.geometry import Array, Ints, Mask
 from tracker.geometry.compilation import njit
 from tracker.mht.branching_data import ChildHypotheses
 from tracker.mht.global_hypothesis import GlobalHypothesis
-from tracker.mht.track_trees import TrackHypotheses, weights
+from tracker.mht.track_trees import TrackHypotheses
 from tracker.tracks.parameters import MhtParameters
 
 PATIENCE = 4
@@ -42,7 +42,7 @@ def surviving_leaves(leaves: TrackHypotheses, box: Ints, chosen: GlobalHypothesi
     keep &= _within_n_scan(leaves, chosen.best, longest.scan)
     # Ids of trees grow without bound; their places among those that are left do not.
     _, tree = np.unique(leaves.tree, return_inverse=True)
-    loss = max_marginal_losses(np.maximum(weights(leaves, q.max_weight), 0.0), chosen.conflict, tree, chosen.best)
+    loss = max_marginal_losses(np.maximum(leaves.score, 0.0), chosen.conflict, tree, chosen.best)
     loss[chosen.best] = -np.inf
     most = np.where(leaves.confirmed, q.tree_leaves, q.tentative_leaves)
     # Leaves that are dropped already take no place of their tree.

@@ -33,7 +33,7 @@ class TrackHypotheses:
     due (n,): since a view could last have shown the person, at most 1. expected_misses (n,): sum since the last box of `due` times the probability
     that some view should have had one.
     node (n, W): ids of the tree's nodes, the latest first. states (n, W, 5) and covariances (n, W, 5, 5): filtered. detected (n, W): with a box.
-    past_gaps, past_scores (n, W): s since the last box, and the score, before each tick.
+    past_gaps (n, W): s since the last box before each tick.
     appearance (n, C, d): appearance in each camera, the mean of appearance_count (n, C) boxes; C is 0 while no box has an appearance.
     """
 
@@ -55,7 +55,6 @@ class TrackHypotheses:
     covariances: Array
     detected: Mask
     past_gaps: Array
-    past_scores: Array
     expected_misses: Array
     appearance: Array
     appearance_count: Array
@@ -88,7 +87,7 @@ class TrackHypotheses:
 
 
 _COLUMNS = tuple(TrackHypotheses.__dataclass_fields__)
-_REMEMBERED = ("node", "states", "covariances", "detected", "past_gaps", "past_scores")
+_REMEMBERED = ("node", "states", "covariances", "detected", "past_gaps")
 
 
 def position_sigma(covariance: Array) -> Array:
@@ -118,7 +117,7 @@ def initiated(
     appearance = np.zeros((n, cameras, length)), np.zeros((n, cameras))
     return TrackHypotheses(
         first_tree + np.arange(n), state, covariance, zero, zero, ones, zero, ones, zero, zero, zero, no, no,
-        node, states, covariances, detected, np.zeros((n, window)), np.zeros((n, window)), zero, *appearance,
+        node, states, covariances, detected, np.zeros((n, window)), zero, *appearance,
     )  # fmt: skip
 
 
@@ -131,7 +130,7 @@ def predict(tracks: TrackHypotheses, step: Step, motion: MotionParameters) -> Tr
     memory["node"][:] = -1
     for name, values in memory.items():
         values[:, 1 : columns + 1] = getattr(tracks, name)[:, :columns]
-    memory["past_gaps"][:, 0], memory["past_scores"][:, 0] = gaps, tracks.score
+    memory["past_gaps"][:, 0] = gaps
     state, due = (F @ tracks.state[:, :, None])[:, :, 0], np.minimum(tracks.due + step.revisits, 1.0)
     return replace(tracks, state=state, covariance=F @ tracks.covariance @ F.transpose(0, 2, 1) + Q, age=tracks.age + 1, due=due, **memory)
 
@@ -148,17 +147,6 @@ def coasted(predicted: TrackHypotheses, step: Step) -> TrackHypotheses:
 def survived(existence: Array, leaving: float) -> Array:
     """Existence (n,), log-odds, after a time in which a person leaves with a small probability `leaving` (Bernoulli filter: Ristic et al. 2013)."""
     return np.asarray(np.log1p(-leaving) - np.logaddexp(-existence, np.log(leaving)))
-
-
-def weights(tracks: TrackHypotheses, most: float) -> Array:
-    """Weight (n,) of each leaf as a vertex: its score, of which the part from before the memory counts up to `most`, twice that where confirmed.
-
-    The score of an old tree exceeds everything else, and a search over such sums would see no difference. The score within the memory counts in
-    full. Otherwise a leaf that lost to another of its tree for some ticks would weigh nothing, as that of an occluded person among others.
-    Then only leaves that take the boxes of others could hold its tree.
-    """
-    before = tracks.past_scores[:, -1]
-    return np.asarray(tracks.score - before + np.minimum(before, np.where(tracks.confirmed, 2 * most, most)))
 
 
 @final

@@ -37,7 +37,6 @@ from tracker.mht.conflicts import conflicts_of, of_one_body
 from tracker.mht.global_hypothesis import CliqueSolver, GlobalHypothesis, HypothesisSearch
 from tracker.mht.initiation import with_statures, with_walkable_prior
 from tracker.mht.joint_assignment import assign_jointly, assigned_boxes, union
-from tracker.mht.negative_information import ExpectedVisibility
 from tracker.mht.pruning import PATIENCE, Lifetimes, prune_branches, surviving_leaves
 from tracker.mht.tick_memory import Step, TickMemory
 from tracker.mht.track_trees import MhtFixedLagSmoother, TrackHypotheses, coasted, initiated, predict, survived
@@ -61,6 +60,7 @@ REPORT_SIGMA = 1.0
 
 COVERING_SHARE = 0.3
 """Probability that a person without a box stands before another one's box, whose corners then are theirs."""
+
 
 SUPPORTED = 0.5
 """Probability that a box that nobody takes is false, where a box of another view may be of the same person."""
@@ -185,11 +185,11 @@ class MhtFilter:
         leaves = self._with_walkable_prior(predict(self.leaves, self.now, self.parameters.motion))
         active = self.best[~leaves.deleted[self.best]]
         table = BoxTable.of(views, self.sensor_model, self.parameters.clutter)
-        expected = ExpectedVisibility.of(leaves, cameras, self.sensor_model, active).share
+        bodies = self.sensor_model.bodies(leaves.state[:, :2], leaves.tree, active)
+        expected = bodies.expected_by_view(cameras, self.parameters.fusion.reach)
         missed = np.zeros(expected.shape)
         for v, boxes in enumerate(views):
             missed[:, v] = self.sensor_model.missed(boxes.camera, expected[:, v])
-        bodies = self.sensor_model.bodies(leaves.state[:, :2], leaves.tree, active)
         chance = 1 - np.exp(missed.sum(axis=1))
         # Misses of one revisit have one cause, whether views are in step or one after the other.
         missed *= np.minimum(max(self.parameters.joint_misses, 1.0) * leaves.due, 1.0)[:, None]
@@ -287,11 +287,10 @@ class MhtFilter:
         )  # fmt: skip
 
     def _updated_leaves(self, now: Observation, roots: Roots, new: NewLeaves) -> NewLeaves:
-        """The leaves with what else a tick tells: statures of new people, places without a box, and appearance."""
+        """The leaves with what else a tick tells: statures of new people, and appearance."""
         self._measure_new_people(now, roots, new)
-        leaves = self._without_watched_places(now, new)
         box = np.where(new.box >= 0, new.box - now.table.start[:-1], -1)
-        return replace(new, leaves=self.appearance.with_appearance(leaves, now.views, box, leaves.confirmed))
+        return replace(new, leaves=self.appearance.with_appearance(new.leaves, now.views, box, new.leaves.confirmed))
 
     def _with_walkable_prior(self, leaves: TrackHypotheses) -> TrackHypotheses:
         """The leaves with places and scores updated by the prior of walkable places."""
@@ -309,23 +308,6 @@ class MhtFilter:
         for name in ("state", "covariance", "score", "existence"):
             getattr(leaves, name)[rows] = getattr(measured, name)
         leaves.states[rows, 0], leaves.covariances[rows, 0] = measured.state, measured.covariance
-
-    def _without_watched_places(self, now: Observation, new: NewLeaves) -> TrackHypotheses:
-        """The leaves, uncertain ones with places updated by their missed detections."""
-        leaves = new.leaves
-        if self.setup.occluders is None or not len(leaves):
-            return leaves
-        # People who may occlude others: the best child of each leaf in the global hypothesis of the last tick.
-        held = np.flatnonzero(np.isin(new.parent, self.best))
-        front = held[np.unique(new.parent[held], return_index=True)[1]]
-        # A tentative track may be false, so that its missed detections tell nothing about its place.
-        seen = new.box >= 0
-        visibility = ExpectedVisibility.of(leaves, now.cameras, self.sensor_model, front, ~seen & leaves.confirmed[:, None])
-        detection = np.array([self.sensor_model.detection(feet.camera) for feet in now.views])
-        state, covariance = visibility.given_misses(leaves.state, leaves.covariance, seen, detection)
-        states, covariances = leaves.states.copy(), leaves.covariances.copy()
-        states[:, 0], covariances[:, 0] = state, covariance
-        return replace(leaves, state=state, covariance=covariance, states=states, covariances=covariances)
 
     def _confirmed(self, leaves: TrackHypotheses, best: Ints) -> tuple[TrackHypotheses, set[int]]:
         """The leaves, those of the global hypothesis confirmed or deleted; and the trees that are confirmed for the first time."""

@@ -26,7 +26,6 @@ class MhtParameters:
     standing_clutter: bool = True  # whether places where false boxes stay are learned
     arrival_rate: float = 2e-4  # new people, a square metre and revisit of the cameras
     clutter: float = 1.0  # least density of false boxes of a view, a steradian
-    max_gain: float = 6.0  # greatest log-likelihood ratio of one box
     least_fit: float = 0.0  # least log-likelihood ratio that a box would have where a leaf stands, were it the most confident one of its view
     gate: float = 4.0  # standard deviations of the innovation
     delta_a: float = 9 / 7  # s, longest gap of a track that is bridged
@@ -48,7 +47,6 @@ class MhtParameters:
     tentative_leaves: int = 4  # the same for a tentative track
     max_loss: float = 30.0  # log-likelihood by which the best hypothesis with a leaf may be worse than the global hypothesis
     max_leaves: int = 160  # leaves in all; each has several children, and every two of them are compared
-    max_weight: float = 60.0  # largest score from before the N-scan window that counts in a weight
     k_h: int = 1  # K_H, hypotheses that are kept; above 1, the children of each form a graph of their own
     i_bls_max: int = 2000  # moves of the local search, at most
     branches: int = 20  # of branch and bound in one component of the graph, at most; they bound the time of a tick

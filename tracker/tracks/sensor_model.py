@@ -169,4 +169,4 @@ class SensorModel:
         # Each further box multiplies the likelihood by its density about the common place.
         size = np.array([len(g.members) for g in groups])
         area = np.array([2 * np.pi * np.sqrt(np.linalg.det(2 * n * g.covariance)) for n, g in zip(size, groups, strict=True)])
-        return np.minimum(score - (size - 1) * np.log(np.maximum(area, 0.3)), q.max_gain * size)
+        return np.asarray(score - (size - 1) * np.log(np.maximum(area, 0.3)))

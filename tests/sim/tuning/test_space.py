@@ -53,9 +53,9 @@ def test_a_wrong_space_is_refused_in_one_line(tmp_path: Path, text: str, said: s
 @pytest.mark.parametrize(
     ("name", "entry", "said"),
     [
-        ("max_gian", "range = [1.0, 2.0]", "max_gian is unknown; did you mean max_gain"),
+        ("residnece", "range = [1.0, 2.0]", "residnece is unknown; did you mean residence"),
         ("motion", "range = [1.0, 2.0]", "has parts, needs the path of one of them, as motion.acceleration"),
-        ("max_gain", "choices = [true, false]", "is 6.0 by default"),
+        ("residence", "choices = [true, false]", "is 60.0 by default"),
         ("n_conf", "range = [1.0, 3.0]", "is 2 by default"),
     ],
 )
@@ -86,18 +86,18 @@ def test_files_of_parameters_give_back_what_was_written(values: dict[str, bool |
 
 def test_parameters_reach_the_tracker_and_options_override_them(tmp_path: Path) -> None:
     path = tmp_path / "best.toml"
-    path.write_text('max_gain = 5\n"detection_rates.log_ratios.0" = 0.2\nn_conf = 4\n[motion]\nfoot_spread = 0.3\n')
+    path.write_text('residence = 5\n"detection_rates.log_ratios.0" = 0.2\nn_conf = 4\n[motion]\nfoot_spread = 0.3\n')
     people = parameters_from({"parameters": path, "n_conf": 3}).targets
-    assert (people.max_gain, people.n_conf, people.motion.foot_spread) == (5.0, 3, 0.3)
+    assert (people.residence, people.n_conf, people.motion.foot_spread) == (5.0, 3, 0.3)
     assert people.detection_rates.log_ratios == (0.2, MhtParameters().detection_rates.log_ratios[1])
     assert parameters_from({"parameters": read_parameters(path), "n_conf": 3}).targets == people
     path.write_text("n_conf = 2.5")
     with pytest.raises(ValueError, match=rf"^{path}: parameter n_conf is 2.5, needs a whole number$"):
         parameters_from({"parameters": path})
-    config = PlacementConfig(observation="tracks", parameters=(("max_gain", 5.0),))
-    assert config == PlacementConfig.of({"observation": "tracks", "parameters": (("max_gain", 5.0),)})
+    config = PlacementConfig(observation="tracks", parameters=(("residence", 5.0),))
+    assert config == PlacementConfig.of({"observation": "tracks", "parameters": (("residence", 5.0),)})
     with pytest.raises(ValueError, match="parameters are of the observation tracks"):
-        PlacementConfig(parameters=(("max_gain", 5.0),))
+        PlacementConfig(parameters=(("residence", 5.0),))
     TrackerUnderTest("tests.benchmarks.nearest_neighbour:greedy", {"parameters": {"gate": 0.5}})
     with pytest.raises(ValueError, match="options delay are of the default tracker"):
         TrackerUnderTest("tests.benchmarks.nearest_neighbour:greedy", {"delay": 3})

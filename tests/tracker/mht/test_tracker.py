@@ -8,16 +8,13 @@ import numpy as np
 import pytest
 
 from tracker.datasets import synthetic_crowd
-from tracker.detections.cross_view import CrossViewGroup
 from tracker.formats.opening import open_sequence
 from tracker.formats.source_options import SourceOptions
 from tracker.geometry import Array
 from tracker.metrics.clear_mot import TargetScore, score
 from tracker.metrics.matching import MatchingFrame
-from tracker.mht.track_trees import initiated, weights
 from tracker.pipeline import Parameters, Tracker, track
 from tracker.tracks.parameters import MhtParameters
-from tracker.tracks.tracks import MotionParameters
 from tracker.types import Setup, Tick
 
 MHT = Parameters()
@@ -128,17 +125,6 @@ def test_a_person_behind_a_known_post_is_not_a_missed_detection(known: bool, mon
     reported = np.array([len(e.target_id) for e in track(setup, ticks)])
     assert reported[~hidden][8:20].all()
     assert reported[hidden][:20].all() == known
-
-
-@pytest.mark.parametrize("ago", [0, 40])
-def test_the_score_before_the_window_is_bounded_and_within_it_counts_in_full(ago: int) -> None:
-    """The weights of two leaves of one tree differ by the scores of the last ticks alone, however large the score before."""
-    group = CrossViewGroup(((0, 0),), np.zeros(2), np.eye(2))
-    leaves = initiated(1, [group], MotionParameters(), (1.7, 0.1), (4, 0, 0)).select(np.zeros(2, dtype=np.int64))
-    before = np.full((2, 4), 30.0 + ago)
-    old, new = weights(replace(leaves, past_scores=before, score=before[:, -1] + [2.0, -3.0]), 20.0)
-    assert (old, new) == (22.0, 17.0)
-    assert weights(replace(leaves, past_scores=before, score=before[:, -1], confirmed=np.ones(2, dtype=bool)), 20.0)[0] == min(30.0 + ago, 40.0)
 
 
 def test_clutter_alone_makes_no_tracks() -> None:
