@@ -102,7 +102,7 @@ def main(words: Iterable[str] | None = None) -> int:
             done[part, case] = found
             file.write(json.dumps([part, case, found]) + "\n")
             file.flush()
-    print(f"{'without':40} {'time':>5}  " + "".join(f"{name:26}" for name in FIGURES))
+    print(f"{'without':40} {'time':>5}  " + "  ".join(f"{name:28}" for name in FIGURES))
     for part in wanted[1:]:
         print(row(part, {of: [done[of, case] for case in range(options.cases)] for of in (WITH, part)}))
     return 0
@@ -117,7 +117,7 @@ def row(part: str, found: Mapping[str, list[dict[str, float]]]) -> str:
         counted = [{k: one[name] for k, one in enumerate(of) if one[name] == one[name]} for of in (before, after)]
         gain = paired(*counted)
         cells.append("" if gain is None else gain.text(4, signed=True))
-    return f"{part:40} {seconds[1] / seconds[0]:5.2f}  " + "".join(f"{cell:26}" for cell in cells)
+    return f"{part:40} {seconds[1] / seconds[0]:5.2f}  " + "  ".join(f"{cell:28}" for cell in cells)
 
 
 if __name__ == "__main__":
