@@ -15,7 +15,7 @@ import matplotlib.figure
 import matplotlib.patches
 import numpy as np
 
-from sim.confidence_intervals import Interval, mean_interval
+from sim.confidence_intervals import Interval, bounds_of, mean_interval
 from sim.report.findings import plural
 from sim.report.page import PageFigure, PageMoment, PageSweep, PageTable, Picture, draw_figures, jpeg, render
 from sim.report.plots import Bars, Line, Plot
@@ -96,7 +96,8 @@ def _slice(one: SearchRange, plan: SearchPlan, found: TunedResult) -> Plot | Non
         groups = [(float(np.mean([values[k] for k in part])), scores[part]) for part in np.array_split(order, PARTS)]
     if len(groups) < 2:
         return None
-    points = tuple(mean_interval(part.tolist()) for _, part in groups)
+    bounds = bounds_of(plan.objective.removesuffix("-worst"))
+    points = tuple(mean_interval(part.tolist(), bounds) for _, part in groups)
     numeric = not one.choices
     x = tuple(float(f"{value:.3g}") if numeric else str(value) for value, _ in groups)
     note = "Means of the trials in each part of the values, with intervals of 95 %. Other parameters differ, too."
