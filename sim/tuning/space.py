@@ -1,6 +1,6 @@
 """The space of a search: parameters with their ranges or choices, from a TOML file.
 
-    [residence]
+    [gate]
     range = [2.0, 12.0]
     [arrival_rate]
     range = [1e-5, 1e-2]
@@ -81,7 +81,7 @@ def read_space(path: Path) -> Space:
     """The space of a file. Raises ValueError, in one line with the path, for no parameter, an empty range, and other content."""
     content = _flat(read_toml(path), "")
     if not content:
-        raise ValueError(f"{path}: has no parameter, needs one at least, as [residence] with range = [2.0, 12.0]")
+        raise ValueError(f"{path}: has no parameter, needs one at least, as [gate] with range = [2.0, 12.0]")
     return tuple(_range(name, entry, f"{path}: {name}") for name, entry in content.items())
 
 

@@ -1,7 +1,7 @@
 """What each part of the tracker of people gains on the population of `pilsim tune`: HOTA, MOTA and IDF1 without it, less those with it.
 
     python -m tests.benchmarks.parts --cases 60 --workers 2 --out runs/parts
-    python -m tests.benchmarks.parts --parts things joint_misses --cases 60 --out runs/parts
+    python -m tests.benchmarks.parts --parts "joint misses" "least fit" --cases 60 --out runs/parts
 
 A part is left out by parameters, or by a function or constant of the code in its place. All parts are tried on the same cases, so that differences
 are paired; intervals are of 95 %. What is done is kept in --out, and the same command goes on. A part takes some 2 s of processor time a case.
@@ -10,7 +10,6 @@ are paired; intervals are of 95 %. What is done is kept in --out, and the same c
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
@@ -23,8 +22,10 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from sim.confidence_intervals import paired
+from sim.tuning.case_file import VERSION
 from sim.tuning.scoring import Candidate, CaseSource, score_case
 from tracker.io.progress import progress_bar
+from tracker.io.resume import Journal
 from tracker.parameter_file import Value
 
 FIGURES = ("hota", "mota", "idf1")
@@ -92,16 +93,16 @@ def main(words: Iterable[str] | None = None) -> int:
     options: Any = parser.parse_args(None if words is None else list(words))
     options.out.mkdir(parents=True, exist_ok=True)
     source = CaseSource(options.population or options.out / "cases", options.seed)
-    path = options.out / "scores.jsonl"
-    done = {(part, case): found for part, case, found in map(json.loads, path.read_text().splitlines())} if path.is_file() else {}
+    # Scores of another seed or version of the cases are not those of these cases.
+    journal = Journal(options.out / "scores.jsonl", {"seed": options.seed, "population": VERSION})
+    done = {(entry["part"], entry["case"]): entry["figures"] for entry in journal.entries}
     wanted = [WITH, *(part for part in options.parts if part != WITH)]
     left = [(part, case) for case in range(options.cases) for part in wanted if (part, case) not in done]
     runs = Parallel(n_jobs=options.workers, return_as="generator")(delayed(scores)(case, source, part) for part, case in left)
-    with path.open("a") as file:
+    with journal:
         for (part, case), found in progress_bar(zip(left, runs, strict=True), total=len(left), desc="runs"):
             done[part, case] = found
-            file.write(json.dumps([part, case, found]) + "\n")
-            file.flush()
+            journal.add({"part": part, "case": case, "figures": found})
     print(f"{'without':40} {'time':>5}  " + "  ".join(f"{name:28}" for name in FIGURES))
     for part in wanted[1:]:
         print(row(part, {of: [done[of, case] for case in range(options.cases)] for of in (WITH, part)}))

@@ -17,6 +17,9 @@ from scipy.special import ndtr
 from tracker.geometry import Array
 from tracker.geometry.ground import Grid, Ground
 
+COUNT, REACH = 13, 3.0
+"""Grid points along each of two axes, and their extent in standard deviations."""
+
 
 @dataclass(frozen=True, eq=False)
 class GaussianGrid:
@@ -33,9 +36,9 @@ class GaussianGrid:
     cell: float
 
     @staticmethod
-    def of(mean: Array, covariance: Array, count: int, reach: float) -> GaussianGrid:
-        """Grids with `count` points along each of two axes, up to `reach` standard deviations from the mean."""
-        points, weight, cell = _standard_grid(count, reach)
+    def of(mean: Array, covariance: Array) -> GaussianGrid:
+        """Grids with COUNT points along each of two axes, up to REACH standard deviations from the mean."""
+        points, weight, cell = _standard_grid()
         return GaussianGrid(mean, covariance, points @ np.linalg.cholesky(covariance).transpose(0, 2, 1), weight, cell)
 
     @property
@@ -55,16 +58,12 @@ class GaussianGrid:
 
 
 @cache
-def _standard_grid(count: int, reach: float) -> tuple[Array, Array, float]:
+def _standard_grid() -> tuple[Array, Array, float]:
     """Grid points (k, 2) of the standard normal distribution, their probabilities (k,), and the variance within a cell."""
-    axis = np.linspace(-reach, reach, count)
+    axis = np.linspace(-REACH, REACH, COUNT)
     points = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
     density = np.exp(-0.5 * (points**2).sum(axis=1))
     return points, density / density.sum(), float((axis[1] - axis[0]) ** 2 / 12)
-
-
-COUNT, REACH = 13, 3.0
-"""Grid points along each of two axes, and their extent in standard deviations."""
 
 
 SOLID_HEIGHT = 0.3
@@ -115,7 +114,7 @@ class WalkablePrior:
 
     def posterior(self, mean: Array, covariance: Array) -> tuple[Array, Array, Array]:
         """Mean (n, 2) m and covariance (n, 2, 2) m² of n normal distributions times the prior, and the prior's expectation (n,) under each."""
-        grid = GaussianGrid.of(mean, covariance, COUNT, REACH)
+        grid = GaussianGrid.of(mean, covariance)
         return grid.posterior(self.at(grid.points))
 
 

@@ -61,7 +61,6 @@ REPORT_SIGMA = 1.0
 COVERING_SHARE = 0.3
 """Probability that a person without a box stands before another one's box, whose corners then are theirs."""
 
-
 SUPPORTED = 0.5
 """Probability that a box that nobody takes is false, where a box of another view may be of the same person."""
 
