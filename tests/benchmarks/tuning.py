@@ -13,7 +13,6 @@ It takes some 60 x (100 cases x 3 s + 6 min) of one core.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from collections import defaultdict
@@ -25,11 +24,13 @@ import numpy as np
 from joblib import Parallel, delayed
 from scipy.stats import spearmanr
 
+from sim.tuning.case_file import VERSION
 from sim.tuning.population import drawn_case, kind_of
 from sim.tuning.scoring import Candidate, CaseSource, evaluate, score_case
 from sim.tuning.space import OWN_SPACE, own_defaults, read_space
 from tests.benchmarks.one_tracker import DELAY, Source, all_rows, outcome
 from tracker.io.progress import progress_bar
+from tracker.io.resume import Journal
 from tracker.options import parameters_from
 from tracker.parameter_file import Value
 
@@ -69,19 +70,20 @@ def rank(options: argparse.Namespace) -> None:
     space, rng = read_space(options.space), np.random.default_rng(options.seed)
     own_defaults(space, str(options.space))
     sets = [{one.name: one.draw(rng) for one in space} for _ in range(options.sets)]
+    population = options.population or options.out / "cases"
     jobs: list[tuple[str, Any]] = []
     for k, values in enumerate(sets):
         jobs += [(f"{k} {row}", delayed(real_score)(row, values)) for row in options.rows]
-        jobs += [(f"{k} {case}", delayed(population_score)(case, options.seed, options.out / "cases", values)) for case in range(options.cases)]
-    path = options.out / "scores.jsonl"
-    done = dict(json.loads(line) for line in path.read_text().splitlines()) if path.is_file() else {}
+        jobs += [(f"{k} {case}", delayed(population_score)(case, options.seed, population, values)) for case in range(options.cases)]
+    # Scores of other sets, or of another seed or version of the cases, are not those of these.
+    journal = Journal(options.out / "scores.jsonl", {"seed": options.seed, "population": VERSION, "space": options.space.read_text()})
+    done = {entry["name"]: entry["score"] for entry in journal.entries}
     left = [(name, job) for name, job in jobs if name not in done]
     found = Parallel(n_jobs=options.workers, return_as="generator")(job for _, job in left)
-    with path.open("a") as file:
+    with journal:
         for (name, _), score in progress_bar(zip(left, found, strict=True), total=len(left), desc="runs"):
             done[name] = score
-            file.write(json.dumps([name, score]) + "\n")
-            file.flush()
+            journal.add({"name": name, "score": score})
     real = np.array([[done[f"{k} {row}"] for row in options.rows] for k in range(options.sets)])
     made = np.array([[done[f"{k} {case}"] for case in range(options.cases)] for k in range(options.sets)])
     print_correlations(options, real, made)
@@ -127,6 +129,7 @@ def main(words: Iterable[str] | None = None) -> int:
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--rows", nargs="+", default=list(ROWS))
     parser.add_argument("--space", type=Path, default=OWN_SPACE)
+    parser.add_argument("--population", type=Path, help="folder of cases that are drawn already (default: in --out)")
     parser.add_argument("--out", type=Path, default=Path("runs/rank"))
     options: Any = parser.parse_args(None if words is None else list(words))
     {"rank": rank, "speed": speed}[options.what](options)
