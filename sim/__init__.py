@@ -1,4 +1,4 @@
-"""The simulator: robots and people act in a world, and what they see becomes sequences that the tracker reads.
+"""The simulator: robots and people move in a world, and simulated sensors give the sequences that the tracker reads.
 
 Read `recording/record.py` first. Importing `sim` registers the gymnasium environment `pilsim/Placement-v0`.
 """
@@ -8,21 +8,21 @@ import tempfile
 from contextlib import suppress
 from pathlib import Path
 
-# Matrices here are small: with a second thread OpenBLAS waits more than it works (the filter takes twice as long), and its sums are other numbers.
+# Matrices here are small: a second OpenBLAS thread mostly waits, which doubles the time of the filter, and it changes the rounding of sums.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import gymnasium
 
 
 def _choose_numba_cache() -> None:
-    """Name a folder in the temporary one where numba can cache nowhere else: in containers neither the package nor the home may be writable."""
+    """Set numba's cache to a temporary folder where neither the package nor the home folder is writable, as in some containers."""
     if any(os.access(folder, os.W_OK) for folder in (Path(__file__).parent, Path.home() / ".cache", Path.home())):
         return
     user = getattr(os, "getuid", int)()
     folder = Path(tempfile.gettempdir(), f"pilsim-numba-{user}")
     with suppress(OSError):
         folder.mkdir(mode=0o700, exist_ok=True)
-        # A cache holds code: a folder that somebody else made under this name is not used.
+        # A cache holds code, so a folder of this name that another user made is not used.
         if folder.stat().st_uid == user:
             os.environ.setdefault("NUMBA_CACHE_DIR", str(folder))
 

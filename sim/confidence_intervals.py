@@ -27,9 +27,9 @@ _BOUNDS: dict[str, Bounds] = (
     | dict.fromkeys(("collisions", "near_misses", "tip_overs", "energy", "way_m", "act_ms"), AT_LEAST_ZERO)
 )
 CONFIDENCE = 0.95
-"""Of an interval where none is given: the share of samples whose interval holds the true mean."""
+"""The default confidence: the share of samples whose interval contains the true mean."""
 FEWEST_RESAMPLED = 6
-"""Values from which the bootstrap is used. Five values have too few distinct resamples for a coverage near 95 %."""
+"""Least number of values for the bootstrap. Five values have too few distinct resamples for a coverage near 95 %."""
 RESAMPLES = 4999
 SEED = 20090
 """Each interval uses a generator of its own with this seed, so the same values always give the same interval."""
@@ -41,7 +41,7 @@ def bounds_of(figure: str) -> Bounds:
 
 
 def difference_bounds_of(figure: str) -> Bounds:
-    """The bounds of a difference of two values of a figure: (-1, 1) for a share, none for a figure that has fewer than two bounds."""
+    """The bounds of a difference of two values of a figure: (-1, 1) for a share, UNBOUNDED for a figure with fewer than two bounds."""
     low, high = bounds_of(figure)
     return UNBOUNDED if low is None or high is None else (low - high, high - low)
 
@@ -79,10 +79,10 @@ def mean_interval(values: Sequence[float], bounds: Bounds = UNBOUNDED) -> Interv
 
     Six values or more: a BCa bootstrap interval (Efron 1987), with the tails widened for small samples as Hesterberg (2015, section 3.4)
     proposes. It lies between the least and the greatest value. Where BCa is undefined, the percentile interval takes its place.
-    Two to five values: Student's t interval, cut at `bounds`. The bootstrap covers the true mean in only 70 to 80 % of such cases.
+    Two to five values: Student's t interval, clipped to `bounds`. The bootstrap covers the true mean in only 70 to 80 % of such cases.
     Equal values: an interval of zero width. One value: no interval.
 
-    A cut at the bounds costs no coverage, since the true mean lies within them. On skewed values both kinds cover less than the 95 % they
+    Clipping costs no coverage, since the true mean lies within the bounds. On skewed values both kinds cover less than the 95 % they
     claim. Simulated on lognormal, exponential and beta values: 83 to 93 % with 3 to 6 values, 88 to 95 % with 10, 89 to 95 % with 20.
     The interval depends on the values alone: not on their order, nor on other calls. It always contains the mean.
 
@@ -97,7 +97,7 @@ def mean_interval(values: Sequence[float], bounds: Bounds = UNBOUNDED) -> Interv
 
 
 def student_interval(values: Sequence[float], confidence: float = CONFIDENCE, bounds: Bounds = UNBOUNDED) -> Interval:
-    """Student's t interval of the mean, mean ± t(n − 1) · s / √n, cut at `bounds`. One value has no interval.
+    """Student's t interval of the mean, mean ± t(n − 1) · s / √n, clipped to `bounds`. One value has no interval.
 
     Raises ValueError where there is no value.
     """
@@ -112,7 +112,7 @@ def student_interval(values: Sequence[float], confidence: float = CONFIDENCE, bo
 
 
 def one_more_interval(values: Sequence[float], bounds: Bounds = UNBOUNDED) -> Interval:
-    """The mean of the finite ones of values, and where one more value would lie with 95 %: mean ± t(n − 1) s √(1 + 1/n), cut at `bounds`.
+    """The mean of the finite values, and the 95 % prediction interval of one more value: mean ± t(n − 1) s √(1 + 1/n), clipped to `bounds`.
 
     The mean is NaN where no value is finite. One value has no interval.
     """
@@ -126,10 +126,10 @@ def one_more_interval(values: Sequence[float], bounds: Bounds = UNBOUNDED) -> In
 
 
 def paired(first: Mapping[int, float], second: Mapping[int, float], confidence: float = CONFIDENCE, bounds: Bounds = UNBOUNDED) -> Interval | None:
-    """The second less the first, seed by seed, over the seeds that both have. None where they share none.
+    """The mean of second − first over the seeds that both have, with its interval. None where they share no seed.
 
-    The interval is Student's t, cut at `bounds`. Differences of paired runs are nearly symmetric, so t covers 95 % of true differences from
-    3 seeds on. It also holds at the high confidences of a Bonferroni correction, where the bootstrap ends at the extremes.
+    The interval is Student's t, clipped to `bounds`. Differences of paired runs are nearly symmetric, so t covers 95 % of true differences from
+    3 seeds on. It also holds at the high confidences of a Bonferroni correction, where the bootstrap cannot exceed the extremes.
     """
     seeds = sorted(set(first) & set(second))
     return student_interval([second[seed] - first[seed] for seed in seeds], confidence, bounds) if seeds else None
@@ -143,7 +143,7 @@ def _checked(values: Sequence[float]) -> NDArray[np.float64]:
 
 
 def _around(array: NDArray[np.float64], low: float, high: float) -> Interval:
-    """An interval that contains the mean: BCa on extreme values, or a bound below a value, could leave it out."""
+    """The interval, widened to contain the mean, which BCa on extreme values or a bound below a value could exclude."""
     mean = float(array.mean())
     return Interval(mean, min(low, mean), max(high, mean), len(array))
 

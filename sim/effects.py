@@ -1,4 +1,4 @@
-"""Errors of real cameras, each off by default: their text, `vignette=1.5,readout=0.02`, and what they do to an image.
+"""Errors of real cameras, each off by default: parsing of texts such as `vignette=1.5,readout=0.02`, and the effects on images.
 
 Effects of lens, sensor and compression act in the order in which light and data pass them:
 1. `drops` and 2. dust on the lens; 3. `chromatic_shift`, 4. `defocus` and 5. `vignette` of the lens; 6. the exposure of the sensor;
@@ -68,9 +68,9 @@ class Effects:
     drops, dust: number on each lens. chromatic: px between red and green, and green and blue, at the border of the field.
     defocus: px, radius of the circle of confusion. vignette: stops of light lost at the border of the field.
     seam: stops by which the forward lens of a dual fisheye is brighter than the backward one. gain: dB of the sensor, which makes noise.
-    halos: of unsharp masking, as a share of the detail. jpeg: quality.
+    halos: strength of unsharp masking, as a share of the detail. jpeg: quality.
     mount_angle: degrees, mount_shift: m by which the calibration of each camera's mount is off.
-    Raises ValueError for a value out of BOUNDS, and for effects that do not go together.
+    Raises ValueError for a value out of BOUNDS, and for subframes without shutter.
     """
 
     readout: float | None = None
@@ -120,7 +120,7 @@ class Effects:
 
 
 def parse_effects(text: str) -> Effects:
-    """The effects of a text. Raises ValueError for unknown, repeated and invalid ones."""
+    """Parse the effects of a text. Raises ValueError for unknown, repeated and invalid effects."""
     values: dict[str, float] = {}
     for name, number in named_values(text, BOUNDS, "effect has", f"NAME=VALUE with a name of {', '.join(BOUNDS)}").items():
         try:
@@ -144,7 +144,7 @@ class Spot:
 
 
 class OpticalField:
-    """The field of a camera: angle from the optical axis over the largest angle in the image.
+    """The relative field angle of each pixel: angle from the optical axis over the largest angle in the image.
 
     A panoramic camera counts as two lenses, forward and backward, whose fields end at 90° from their axes.
     radius (H, W): from 0 on the axis to 1 at the border of the field.
@@ -162,7 +162,7 @@ class OpticalField:
 
     @cached_property
     def _outward(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Columns and rows (H, W) of the shift of 1 px at the border of the field, away from the axis."""
+        """Column and row components (H, W) px of a shift away from the axis, which is 1 px at the border of the field."""
         radius = np.pad(self.radius, ((1, 1), (1, 1)), "edge")
         if self.wraps:
             radius[:, 0], radius[:, -1] = radius[:, -2], radius[:, 1]
@@ -261,7 +261,7 @@ def gain_noise(light: Light, gain: float, rng: np.random.Generator) -> Light:
 
 
 def halos(counts: Counts, amount: float, wraps: bool) -> Counts:
-    """Unsharp masking: the detail, what a Gaussian blur takes away, is added `amount` times."""
+    """Unsharp masking: adds `amount` times the detail, which is the image less its Gaussian blur."""
     image = counts.astype(np.float32)
     smooth = _padded(image, int(4 * HALO_RADIUS), wraps, lambda one: cv2.GaussianBlur(one, (0, 0), HALO_RADIUS, borderType=cv2.BORDER_REPLICATE))
     return np.asarray(np.clip(np.rint(image + np.float32(amount) * (image - smooth)), 0, 255), dtype=np.uint8)
@@ -276,7 +276,7 @@ def jpeg(counts: Counts, quality: int) -> Counts:
 class ImageEffects:
     """The effects on the images of one lens or one recorded view, frame by frame.
 
-    camera: of the images. stops: of exposure beyond the usual one. rng: draws specks and drops once, and noise for every image.
+    camera: model of the images. stops: change of the exposure. rng: draws specks and drops once, and noise for every image.
     Equal arguments give equal images. spots: specks and drops on the lens.
     """
 
@@ -291,7 +291,7 @@ class ImageEffects:
         self.spots = (*self._drops, *specks)
 
     def captured(self, counts: Counts) -> Counts:
-        """What the sensor captures of an image (H, W, 3): effects 1 to 7."""
+        """The image (H, W, 3) as the sensor captures it: effects 1 to 7."""
         e, camera = self.effects, self._camera
         if not (self._drops or self._transmission is not None or self.stops) and {e.chromatic, e.defocus, e.vignette, e.gain} == {None}:
             return counts
@@ -313,7 +313,7 @@ class ImageEffects:
         return counts_of(light)
 
     def processed(self, counts: Counts) -> Counts:
-        """What the camera makes of the captured image (H, W, 3): effects 8 and 9."""
+        """The captured image (H, W, 3) after the camera's processing: effects 8 and 9."""
         if self.effects.halos is not None:
             counts = halos(counts, self.effects.halos, self._camera.wraps)
         return counts if self.effects.jpeg is None else jpeg(counts, int(self.effects.jpeg))
@@ -325,13 +325,13 @@ def averaged(images: list[Counts]) -> Counts:
 
 
 def _seen(camera: Camera) -> NDArray[np.bool_]:
-    """Which pixels (H, W) the lens casts light on."""
+    """Mask (H, W) of the pixels that the lens illuminates."""
     u, v = np.meshgrid(np.arange(camera.width) + camera.pixel_centre, np.arange(camera.height) + camera.pixel_centre)
     return np.asarray(~camera.blind(np.stack([u.ravel(), v.ravel()], axis=1)).reshape(camera.height, camera.width))
 
 
 def _drawn_spots(effect: str, count: int, seen: NDArray[np.bool_] | None, rng: np.random.Generator) -> Iterator[Spot]:
-    """Spots at random places of the image, where it is seen (H, W)."""
+    """Spots at random pixels of the mask `seen` (H, W)."""
     if seen is None or not count:
         return
     rows, columns = np.nonzero(seen)
@@ -345,7 +345,7 @@ def _drawn_spots(effect: str, count: int, seen: NDArray[np.bool_] | None, rng: n
 
 
 def _padded(image: NDArray[np.float32], reach: int, wraps: bool, function: Callable[[NDArray[np.float32]], Any]) -> NDArray[np.float32]:
-    """`function` of an image, continued by `reach` columns over the seam of a panorama."""
+    """`function` of an image. A panorama is padded by `reach` columns over its seam first."""
     if not wraps:
         return np.asarray(function(image), dtype=np.float32)
     wide = np.concatenate([image[:, -reach:], image, image[:, :reach]], axis=1)

@@ -1,6 +1,6 @@
 """The prediction of a tracker's scores, with errors by cause, tables, and the file of `pilsim predict --out`.
 
-On a recording: twins of its second part by models fitted to its first, beside the real boxes. In a place: simulated people before its cameras.
+For a recording, models fitted to its first part simulate its second part (twins), beside the real boxes. For a place, people are simulated, too.
 """
 
 from __future__ import annotations
@@ -46,10 +46,10 @@ ERRORS = (("misses", "misses", 1), ("false_positives", "false positives", 1), ("
 OTHERS = (("motp_m", "MOTP [m]", 3), ("truths", "true positions", 1))
 REAL = "real"
 Frames = tuple[int, int]
-"""First frame and the one after the last."""
+"""First frame, and the frame after the last."""
 Cells = tuple[str, ...]
 LEAST_FRAMES = 2
-"""Of each part."""
+"""Least number of frames of each part."""
 FITTED = "fitted"
 """The detector whose models are fitted to the recording."""
 Progress = Callable[..., Iterable[Any]]
@@ -57,7 +57,7 @@ Progress = Callable[..., Iterable[Any]]
 
 @dataclass(frozen=True)
 class Outcome:
-    """Scores of a run by name (FIGURES; undefined ones are NaN or left out), and counts of errors: kind → cause → number, as `stress` has them."""
+    """Scores of a run by name (FIGURES; undefined ones are NaN or left out), and counts of errors: kind → cause → number, as `stress` counts them."""
 
     figures: Mapping[str, float]
     causes: Mapping[str, Mapping[str, float]]
@@ -65,9 +65,9 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Forecast:
-    """What the twins of a detector predict: figures by name, errors as kind → cause → number, and the figures of each twin.
+    """The prediction by the twins of a detector: figures by name, errors as kind → cause → number, and the figures of each twin.
 
-    Intervals are those in which one more run lies with 95 %.
+    Intervals are 95 % prediction intervals of one more run.
     """
 
     figures: Mapping[str, Interval]
@@ -76,7 +76,7 @@ class Forecast:
 
     @staticmethod
     def of(runs: Sequence[Outcome]) -> Forecast:
-        """The forecast by outcomes of at least one twin."""
+        """The forecast from the outcomes of at least one twin."""
         figures = {name: one_more_interval([one.figures[name] for one in runs], bounds_of(name)) for name in FIGURES}
         causes = {
             kind: {cause: one_more_interval([one.causes[kind][cause] for one in runs], AT_LEAST_ZERO) for cause in of}
@@ -98,8 +98,8 @@ def _ends(value: Interval) -> dict[str, float | None]:
 class Prediction:
     """Forecasts by detector, and the real outcome, None without real boxes.
 
-    frames: of the twins, and fit_frames of the fit, None without one. people: number of true persons in the twins.
-    truth_errors: those of the truth on which the views agree (SharedErrors as JSON values), None where they are not known.
+    frames: of the twins. fit_frames: of the fit, None without a fit. people: number of true persons in the twins.
+    truth_errors: errors of the truth that all views share (SharedErrors as JSON values), None where unknown.
     """
 
     forecasts: Mapping[str, Forecast]
@@ -123,7 +123,7 @@ class Prediction:
         }
 
     def counts(self, kind: str) -> dict[str, list[float]]:
-        """Cause of a kind of error that occurs → mean number by each detector, then the real one."""
+        """Cause → mean number by each detector, then the real number. Causes that never occur are left out."""
         every = [{cause: value.mean for cause, value in of.causes.get(kind, {}).items()} for of in self.forecasts.values()]
         every += [dict(self.real.causes.get(kind, {}))] if self.real else []
         out = {cause: [_finite(of.get(cause, 0.0)) for of in every] for cause in dict.fromkeys(cause for of in every for cause in of)}
@@ -134,7 +134,7 @@ class Prediction:
         return first, *self.forecasts, *([REAL] if self.real else [])
 
     def score_lines(self) -> list[Cells]:
-        """A line for each figure: of each detector with the interval of one more run, then the real one."""
+        """A line for each figure: its mean and interval for each detector, then the real value."""
         out = []
         for key, label, digits in (*SCORES, *ERRORS, *OTHERS):
             real = [number_text(self.real.figures.get(key, math.nan), 0 if digits == 1 else digits)] if self.real else []
@@ -153,7 +153,7 @@ class Prediction:
 
 @dataclass(frozen=True)
 class PredictionRecord:
-    """A prediction with what made it: the source, the tracker and its options, seeds of the twins, the command line, and versions by part."""
+    """A prediction with its provenance: the source, the tracker and its options, seeds of the twins, the command line, and versions by part."""
 
     source: str
     tracker: str
@@ -170,7 +170,7 @@ class PredictionRecord:
 
 
 def read_prediction(path: Path) -> PredictionRecord:
-    """Read the file of a prediction. Raises ValueError naming the file and the field where it is no such file, or damaged."""
+    """Read the file of a prediction. Raises ValueError naming file and field for another or a damaged file."""
     file = JsonObject(read_json(path), str(path))
     file.check_schema(SCHEMA, ", as `pilsim predict --out` writes it")
     tracker, twins = file.part("tracker"), file.part("predicted")
@@ -229,7 +229,7 @@ def _finite(value: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Halves:
-    """A recording in two parts: fitted, None without a fit, and tried, each with its frames. The boxes of `tried` are real where `real` is true."""
+    """A recording in two parts, each with its frames: `fitted` (None without a fit), and `tried`. real: whether `tried` has real boxes."""
 
     fitted: Source | None
     tried: Source
@@ -240,7 +240,7 @@ class Halves:
 
 @dataclass(frozen=True, eq=False)
 class FittedViews:
-    """Detector models, camera → model, and the errors of the truth that the views share, None where these are not known."""
+    """Detector models, camera → model, and the errors of the truth that the views share, None where unknown."""
 
     models: Mapping[str, Model]
     shared: SharedErrors | None = None
@@ -249,10 +249,10 @@ class FittedViews:
 def open_halves(path: Path, options: SourceOptions, fit_frames: tuple[int, int | None] | None = None, fitted: bool = True) -> Halves:
     """Open a recording with truth in two parts.
 
-    fit_frames: of the fit, None for the first half. Without an end, they are all that follow the first one.
-    What follows them is tried, or what comes before where nothing follows.
+    fit_frames: first frame and end of the fit, None for the first half. An end of None is the end of the recording.
+    The frames after the fit are tried, or those before it where fewer than LEAST_FRAMES follow.
     fitted: False leaves the fit out, and all frames are tried.
-    Raises ValueError, with the path, for a recording without truth, for cameras on robots, and for parts that are not there.
+    Raises ValueError, with the path, for a recording without truth, for cameras on robots, and for parts with fewer than LEAST_FRAMES.
     """
     whole = open_recording(path, options).in_step()
     say_suspicion(path, whole)
@@ -313,7 +313,7 @@ def twin(source: Source, views: FittedViews, seed: int) -> Recording:
 
     People walk their true paths, moved by the errors of the truth that all views share.
     Their bodies are the true boxes where these are known, and cylinders of one size elsewhere.
-    They hide each other, and pillars hide them.
+    Bodies occlude each other, and pillars occlude them.
     """
     recording = source.recording
     truth = source.truth if views.shared is None else drawn(recording, source.truth, views.shared, seed)
@@ -321,7 +321,7 @@ def twin(source: Source, views: FittedViews, seed: int) -> Recording:
 
 
 def outcome(recording: Recording, tracker: TrackerUnderTest, run: str) -> Outcome:
-    """Track a recording with truth and score it as `pilsim score` does. run: NAME/SEED, by which tracks made elsewhere are found."""
+    """Track a recording with truth and score it as `pilsim score` does. run: NAME/SEED, the name under which tracks made elsewhere are looked up."""
     sequence = recording.sequence()
     assert sequence.truth is not None
     return _tracked(sequence.setup, list(sequence.ticks)[: len(sequence.truth)], sequence.truth, (tracker, run))
@@ -342,9 +342,9 @@ def _tracked(setup: Setup, ticks: list[Tick], truth: tuple[Truth, ...], by: tupl
 class PredictionPlan:
     """What is predicted.
 
-    path, options: the recording. fit_frames: of the fit, None for the first half. detectors: FITTED, INDEPENDENT, or a model as `chosen_model` gives
-    it, by the name shown. The first is the prediction. seeds: of the twins.
-    place: in place of the recording, the place, its people, cameras and robots; each seed has other paths. FITTED is not possible there.
+    path, options: the recording. fit_frames: of the fit, None for the first half. detectors: name shown → FITTED, INDEPENDENT, or a model as
+    `chosen_model` gives it. The first detector is the prediction. seeds: of the twins.
+    place: a simulated place with people, cameras and robots in place of the recording; each seed has other paths. It excludes FITTED.
     """
 
     path: Path
@@ -407,7 +407,7 @@ def _run(function: Callable[..., Any], calls: list[Any], pool: Pool | None, prog
 
 
 def _forecasts(plan: PredictionPlan, found: list[Outcome]) -> dict[str, Forecast]:
-    """By detector, of the outcomes of all seeds of the first one, then of the next."""
+    """Forecasts by detector. found: outcomes of all seeds of the first detector, then of the next one."""
     n = len(plan.seeds)
     return {name: Forecast.of(found[k * n : (k + 1) * n]) for k, name in enumerate(plan.detectors)}
 
@@ -421,7 +421,7 @@ def _models(choice: str, halves: Halves, path: Path) -> FittedViews:
 
 
 def _outcome(source: Source, views: FittedViews | None, tracker: TrackerUnderTest, seed: int) -> Outcome:
-    """One run, of a twin or with views None of the real boxes, perhaps in another process."""
+    """One run of a twin, or of the real boxes where `views` is None. It may run in another process."""
     if views is None:
         return outcome(source.recording, tracker, f"real/{seed}")
     return outcome(twin(source, views, seed), tracker, f"twin/{seed}")

@@ -22,9 +22,9 @@ from sim.robots.imu import IMU_RATES, WHEEL_RATES, parse_imu, steps_a_sample
 from sim.robots.robot_choice import ROVER, parse_robots
 
 CROWD_STEP = 0.05
-"""s: step of the crowd and of commands; the nearest to this that divides a frame is used."""
+"""s: nominal step of the crowd and of commands. The nearest step that divides a frame is used."""
 INDEPENDENT = "independent"
-"""The detector model of the fields misses, clutter, bearing_noise and min_visible."""
+"""The detector model that uses the fields misses, clutter, bearing_noise and min_visible."""
 PLAIN_CLOTHING, VARIED_CLOTHING = "plain", "varied"
 BUILT_LIGHT, LAMPS = "built", "lamps"
 LIGHTS = (BUILT_LIGHT, "overcast", "low", "dim", LAMPS)
@@ -79,14 +79,14 @@ class Scenario:
     bearing_noise is one sigma of a box's edge, rad; a body with a smaller visible fraction than min_visible is never detected.
     Sensors of the robots, off by default: imu is NAME or NAME@HZ with a part of sim.robots.imu. wheels is the rate of the encoders, Hz.
     clock has the errors of the clocks of robots and cameras, as sim.robots.clock.parse_clocks reads them.
-    detector_model: "independent" for these errors; otherwise the name of a model of tracker.detector_models, or its JSON, in their place.
+    detector_model: "independent" for these errors. A model of tracker.detector_models replaces them, by its name or as JSON.
     camera, view_camera: models of the rovers' and the fixed cameras, as sim.cameras.parse_camera reads them; "" for panoramas and Tsai's model.
     effects: errors of the cameras, as sim.effects.parse_effects reads them, or a list of such texts; "" for none.
     distractors: number of things placed in the world that detectors take for people, as cones and coat stands; 0 by default.
     groups: share of the people who stand together and talk, 2 to 5 a group. sitting: share of those present who sit; both 0 by default.
     clothing: plain, or varied: mostly dark, with long coats, long skirts, hoods and loose hair.
     umbrellas: probability that a person who does not sit carries one, 0 by default.
-    light: one of LIGHTS. built: as the world has it. lamps: of a room, in place of the sun. wet: how wet the ground is, 0 by default.
+    light: one of LIGHTS. built: the light of the world. lamps: room lamps in place of the sun. wet: how wet the ground is, 0 by default.
     facades: number of buildings with windows around the world. glare: probability that a window of theirs mirrors the sun, or is lit from inside.
     view_clock: when fixed cameras take their pictures, as sim.cameras.view_clock.parse_view_clocks reads it; "" for one at each frame.
     robot: in place of rovers, names and files of robots as sim.robots.robot_choice.parse_robots reads them, repeated; "" for rovers.
@@ -241,7 +241,7 @@ class Scenario:
         return 1.0 / self.rate
 
     def check_any_camera(self, fixed: int) -> None:
-        """Raise ValueError where nothing sees: no robot, and no `fixed` camera."""
+        """Raise ValueError where there is neither a robot nor a fixed camera. fixed: number of fixed cameras."""
         if not (self.robots or fixed):
             raise ValueError(f"robots is 0, needs a whole number in [1, {BOUNDS['robots'][1]:g}] where there is no fixed camera")
 

@@ -1,6 +1,6 @@
 """`pilsim study`: studies of the paper's parameters: number of hypotheses, graphs of the clique search, and image tracklets.
 
-A study is a StudyForm: settings with their values, and what is measured of a run. A cell is one run with one seed, made once and kept in a CSV file.
+A study is a StudyForm: settings with their values, and the measures of a run. A cell is one run with one seed, made once and kept in a CSV file.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from tracker.types.truth import evaluated_people
 PEOPLE, CLUTTER = 30, 1.0
 """People of the synthetic crowd, and its false boxes per view and tick. With fewer people, the search finds nearly the same for all seeds."""
 DEGRADATION = "clutter=2"
-"""Degradation of the detections of PETS 2009 (tracker/recordings/degradation.py). Graphs of the given detections are too small for a difference."""
+"""Degradation of the detections of PETS 2009 (tracker/recordings/degradation.py). Graphs of the given detections are too small to differ."""
 WARM_UP = 30
 """Number of ticks that are tracked before the first timing. On PETS 2009, the first ten need no search."""
 FORMS = {"small graphs": 25, "one graph": 1}
@@ -69,7 +69,7 @@ DELAY = 10
 
 @dataclass(frozen=True)
 class Cell:
-    """One run: data set, settings and repetition, and what was measured, in the order of the study."""
+    """One run: data set, settings and repetition, and its measures, in the order of the study."""
 
     data: str
     settings: tuple[Any, ...]
@@ -82,7 +82,7 @@ Cells = list[Cell]
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """A data set: its name, the sequence of a repetition with truth, of which `frames` are used, and the number of repetitions that differ."""
+    """A data set. sequence: repetition → sequence with truth, of which `frames` frames are used. most: number of repetitions that differ."""
 
     name: str
     sequence: Callable[[int], Sequence]
@@ -92,7 +92,7 @@ class Material:
     def tracked(
         self, sequence: Sequence, parameters: Parameters, solver: CliqueSolver | None = None, everybody: bool = True
     ) -> tuple[float, TargetScore]:
-        """Track the sequence: processor time, s, and scores at 1 m. everybody: whether people count whom no view showed anything lately."""
+        """Track the sequence. Returns processor time, s, and scores at 1 m. everybody: whether people whom no view showed lately count, too."""
         assert sequence.truth is not None
         began = time.process_time()
         ticks = itertools.islice(iter(sequence.ticks), self.frames)
@@ -107,9 +107,9 @@ class Material:
 class StudyForm:
     """A study.
 
-    file: of its cells. settings: name → title and values; the first is the x axis. measures: name → title. warm_up: K_H of the runs that compile.
-    run: what is measured of a material, a repetition and settings. notes: lines about the cells of one data set.
-    materials: data sets of a folder for recordings, a PETS 2009 folder or None, and a number of frames.
+    file: of the cells. settings: name → title and values; the first is the x axis. measures: name → title. warm_up: K_H of the runs that compile.
+    run: measures a material for a repetition and settings. notes: lines about the cells of one data set.
+    materials: data sets for a folder of recordings, a PETS 2009 folder or None, and a number of frames. people: of the simulated crowd.
     """
 
     file: str
@@ -130,11 +130,12 @@ class StudyForm:
         return itertools.product(range(min(repetitions, material.most)), list(values))
 
     def cells(self, folder: Path, materials: list[Material], repetitions: int) -> Iterator[Cell]:
-        """All cells: of the file in the folder, or run now and written. Raises ValueError naming the line that is no cell."""
+        """All cells: read from the file in the folder, or run now and written. Raises ValueError naming the line that is no cell."""
         path = folder / self.file
         known = {(cell.data, cell.settings, cell.repetition): cell for cell in self.read(path)}
         for material in materials:
-            for k_h in self.warm_up:
+            missing = any((material.name, settings, repetition) not in known for repetition, settings in self._choices(material, repetitions))
+            for k_h in self.warm_up if missing else ():
                 # Compilation must not count in the first cell.
                 replace(material, frames=WARM_UP).tracked(material.sequence(0), Parameters(targets=MhtParameters(k_h=k_h)), searched_cliques)
             for repetition, settings in self._choices(material, repetitions):
@@ -261,7 +262,7 @@ def pets(folder: Path, frames: int, degrade: str = "") -> Material:
 
 
 def _counted(material: Material, repetition: int, k_h: int, i_bls_max: int) -> tuple[float, ...]:
-    """Above K_H 1 a graph for each hypothesis, as in the paper, by the search without a proof of optimality."""
+    """Processor time, s, and MOTA. Above K_H = 1, each hypothesis has a graph, as in the paper. The search proves no optimum."""
     many = MhtParameters(k_h=k_h, i_bls_max=i_bls_max, seed=repetition)
     seconds, found = material.tracked(material.sequence(repetition), Parameters(targets=many), searched_cliques)
     return seconds, float(found.mota)
@@ -284,7 +285,7 @@ def _count_notes(form: StudyForm, cells: Cells) -> Iterator[str]:
 
 
 def _searched(material: Material, repetition: int, form: str, start: str) -> tuple[float, ...]:
-    """By the search alone, without branch and bound. A second run writes the graphs, some of which are then solved exactly.
+    """Time, gap and MOTA of the search alone, without branch and bound. A second run writes the graphs, some of which are solved exactly.
 
     The gap is the share of the largest weight that the chosen cliques lack, NaN where no graph has a proof.
     """
@@ -337,7 +338,7 @@ def _image_materials(out: Path, folder: Path | None, frames: int) -> list[Materi
 
 
 def _seen(material: Material, repetition: int, setting: str) -> tuple[float, ...]:
-    """With delayed output: MOTA, IDF1 and switches, and processor time."""
+    """MOTA, IDF1, switches and processor time, s, with delayed output."""
     parameters = Parameters(images=ImageParameters(TRACKLETS[setting]), delay=DELAY)
     seconds, found = material.tracked(material.sequence(repetition), parameters, everybody=False)
     return float(found.mota), float(found.idf1), float(found.switches), seconds
@@ -385,8 +386,8 @@ STUDIES = {
         CROWD.people,
     ),
 }
-"""The number of hypotheses K_H and the limit of moves i_bls^max; graphs and starts of the clique search; parameters of image tracklets.
+"""The studies by name: K_H and i_bls^max (fig4), graphs and starts of the clique search (graphs), parameters of image tracklets (images).
 
 The paper makes a small graph of each global hypothesis of the previous frame, and starts each search with the tracks of the previous solution (warm).
-The opposites are one graph of all tracks, and the heaviest tracks (cold).
+The alternatives are one graph of all tracks, and a start with the heaviest tracks (cold).
 """

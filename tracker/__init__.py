@@ -1,4 +1,4 @@
-"""Multi-robot SLAM, multi-view tracking of people, and their scores, in numbers alone: it never imports MuJoCo.
+"""Multi-robot SLAM, multi-view tracking of people, and their scores. The package never imports MuJoCo.
 
 Read `pipeline.py` first: the whole tracker in a hundred lines.
 """

@@ -1,7 +1,7 @@
-"""Options of the tracker, declared once with type, bound, default and help. Commands include these dataclasses; Python gives options by name.
+"""Options of the tracker, declared once with type, bound, default and help. Commands include these dataclasses; Python code passes options by name.
 
 A name is that of the command line with `_` for `-`, as k_h for --k-h. Messages name options as the command line does.
-An option that is None has the default value of its parameter. The tracker is imported on demand: the help of a command needs none of it.
+An option that is None has the default value of its parameter. The tracker is imported on demand, since the help of a command does not need it.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 NOTHING = ("None", "''", "")
-"""Defaults, as tyro shows them, that tell a reader nothing."""
+"""Defaults, as tyro shows them, that do not inform a reader."""
 
 
 def unset(metavar: str, meaning: str) -> Any:
@@ -36,7 +36,7 @@ def unset(metavar: str, meaning: str) -> Any:
 
 @dataclass(frozen=True)
 class Least:
-    """A bound of an option: its least value, or a value that it is above."""
+    """A lower bound of an option, which the bound itself satisfies unless `above`."""
 
     value: float
     above: bool = False
@@ -94,9 +94,9 @@ class PeopleOptions:
     delay: int = 0
     """Number of frames by which the output lags; later frames smooth the positions of people."""
     confidence: Annotated[Literal["given", "learned"] | None, unset("{given,learned}", "learned")] = None
-    """What confidences of detections say: it is learned for each view while tracking, whatever their scale, or they are probabilities as given."""
+    """Meaning of the confidences of detections: learned for each view while tracking, whatever their scale, or probabilities as given."""
     n_scan: Annotated[float | None, NOT_NEGATIVE, unset("FLOAT", "1.43")] = None
-    """N-scan pruning: age after which a decision is final, s. With 0 decisions stand at once, which is fastest."""
+    """N-scan pruning: age after which a decision is final, s. With 0 decisions are final at once, which is fastest."""
     theta_s: Annotated[float | None, POSITIVE, Suppress] = None
     """Without effect: tracks near each other are no longer merged. The option goes with the next version."""
     v_max: Annotated[float | None, POSITIVE, unset("FLOAT", "3.0")] = None
@@ -130,7 +130,7 @@ class ImageOptions:
     images: bool = False
     """Use the images, too: silhouettes and appearance. A recording needs video/ or images/ of any camera."""
     l_c: Annotated[int | None, unset("INT", "4")] = None
-    """L_c: number of frames that corners are followed back. It, δ_min and ω need --images, and have tracklets weigh boxes."""
+    """L_c: number of frames over which corners are tracked back. L_c, δ_min and ω need --images; their tracklets weigh boxes."""
     delta_min: Annotated[float | None, unset("FLOAT", "0.05")] = None
     """δ_min: a corner that moves less is static, px of the image at half its size."""
     omega: Annotated[float | None, unset("FLOAT", "0.3")] = None
@@ -139,7 +139,7 @@ class ImageOptions:
 
 @dataclass(frozen=True)
 class OptionType:
-    """What an option may be. kind: int, float, bool, str or Path. choices: its words, where it is one of some. bounds: of a number."""
+    """The allowed values of an option. kind: int, float, bool, str or Path. choices: the allowed words, empty for any. bounds: of a number."""
 
     kind: type
     choices: tuple[str, ...] = ()

@@ -65,7 +65,7 @@ def parameters_text(values: Mapping[str, Value], comments: tuple[str, ...] = ())
 def with_fields(parameters: T, values: Mapping[str, Value], where: str = "parameter") -> T:
     """Parameters (a dataclass) with other values of fields, by their paths.
 
-    Raises ValueError that begins with `where` for an unknown path, or for a value of another kind than that of the field.
+    Raises ValueError that begins with `where` for an unknown path, or for a value of another type than the field.
     """
     for path, value in values.items():
         parameters = _with_field(parameters, path.split("."), value, f"{where} {path}")
@@ -109,7 +109,7 @@ def _names(parameters: Any) -> list[str]:
 
 
 def _of_kind(old: Any, value: Value, where: str) -> Value:
-    """The value as the kind of the field: a whole number stands for a real one, not the other way round."""
+    """The value in the type of the field: a whole number may replace a real one, but not the reverse."""
     if isinstance(old, float) and isinstance(value, int) and not isinstance(value, bool):
         return float(value)
     if type(old) is not type(value):

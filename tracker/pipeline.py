@@ -45,7 +45,7 @@ def track(
 ) -> Iterator[Estimate]:
     """One Estimate for each frame, `delay` frames later: for each tick that is `reported`.
 
-    threads: from two on, a tick is read, images of the tick before it are searched, and robots are localized in threads of their own.
+    threads: with two or more, reading of a tick, search in the images of an earlier tick, and localization run in threads of their own.
     The estimates do not depend on it. Up to six ticks are in memory then.
     solver: of the graphs of leaves, by default `proved_cliques`.
     Raises ValueError where a tick has a camera that the setup does not have, and where indices of frames or times do not grow.
@@ -138,7 +138,7 @@ class Tracker:
         return replace(estimate, target_id=ids, position=position, covariance=covariance)
 
     def _count_rejections(self, tick: Tick, feet: list[GroundDetections]) -> None:
-        """Add the boxes of a tick to the counts of boxes by the gate that stops them. Silhouettes are no boxes of the input."""
+        """Add the boxes of a tick to the counts of boxes by the gate that stops them. Silhouettes are not boxes of the input."""
         given = [f for f in feet if f.camera in self.setup.mounts]
         self._rejections.update(count_rejections(given, self.setup))
         if lost := sum(len(view.detections) for view in tick.views) - sum(len(f) for f in given):

@@ -30,6 +30,6 @@ def ahead(items: Iterable[T], count: int = 1) -> Iterator[Iterator[T]]:
 def _taken(begin: Callable[[], Future[object]], end: object, count: int) -> Generator[object, None, None]:
     waiting = deque(begin() for _ in range(count))
     while (item := waiting.popleft().result()) is not end:
-        # The next one begins when this one is taken, so that the queue is bounded.
+        # The next item begins only when this one is taken, so that the queue is bounded.
         waiting.append(begin())
         yield item

@@ -1,4 +1,4 @@
-"""Attachment of a user's MJCF to a scene: reading it, and taking its bodies without its global options."""
+"""Reading of a user's MJCF, and attachment of its bodies to a scene, without its global options."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ import numpy as np
 from worlds.engine import mujoco
 
 CAMERA_AXES = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
-"""Rotation of a camera of ours, which looks along x with z up, in one of MuJoCo's, which looks along −z with y up."""
+"""Rotation (3, 3) from our camera axes (x forward, z up) to MuJoCo's (−z forward, y up)."""
 
 
 def read_model(path: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
     """The spec of an MJCF file, without its keyframes, and its model, with them.
 
-    Raises ValueError, in one line, where MuJoCo cannot read or compile it, or where it has what is not drawn.
+    Raises ValueError, in one line, if MuJoCo cannot read or compile it, or if it has flexes or skins, which are not drawn.
     """
     try:
-        # Attributes that MuJoCo will drop some day are no concern of who runs a simulation today.
+        # MuJoCo's deprecation warnings do not concern the user of a simulation.
         with warnings.catch_warnings(action="ignore"):
             spec = mujoco.MjSpec.from_file(path.as_posix())
             model = spec.copy().compile()
@@ -35,7 +35,7 @@ def read_model(path: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
 
 
 def attach(scene: mujoco.MjSpec, child: mujoco.MjSpec, prefix: str) -> mujoco.MjsFrame:
-    """Attach all of a child at the origin of a scene, its names with a prefix, so that none is taken. Options and view stay those of the scene.
+    """Attach all of a child at the origin of a scene. The prefix keeps its names unique. Options and view stay those of the scene.
 
     Returns the frame. The child cannot be used again.
     """
@@ -48,7 +48,7 @@ def attach(scene: mujoco.MjSpec, child: mujoco.MjSpec, prefix: str) -> mujoco.Mj
 def take_options(scene: mujoco.MjSpec, child: mujoco.MjSpec) -> None:
     """Give a child the options, the view and the sizes of the scene to which it is attached.
 
-    MuJoCo warns, on the terminal, of each one that differs.
+    Otherwise MuJoCo prints a warning for each one that differs.
     """
     for mine, its in ((scene.option, child.option), (scene.stat, child.stat)):
         _copy(mine, its)
@@ -59,7 +59,7 @@ def take_options(scene: mujoco.MjSpec, child: mujoco.MjSpec) -> None:
 
 
 def _copy(source: Any, target: Any) -> None:
-    """Copy all values."""
+    """Copy all public attributes except methods."""
     for name in dir(source):
         if not name.startswith("_") and not callable(value := getattr(source, name)):
             setattr(target, name, value)

@@ -1,7 +1,7 @@
 """All worlds by name, and `build`, which makes one.
 
-The name of the world hall may have a plan behind it, as `hall:room=7.7x3.4`.
-A file is a name, too (worlds.places), as `dem.png:size=60,low=0,high=6`.
+A plan may follow the name of the world hall, as in `hall:room=7.7x3.4`.
+The path of a file is also a name (worlds.places), as in `dem.png:size=60,low=0,high=6`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ WORLDS: dict[str, Build] = {place.NAME: place.build for place in (campus, forest
 
 
 def check_name(name: object, field: str = "world") -> None:
-    """Raises ValueError, with the name of the field, for an unknown world or file, and for a plan that is wrong or not of hall."""
+    """Raises ValueError, with the name of the field, for an unknown world or file, a wrong plan, or a plan without hall."""
     if is_place(name):
         place_of(str(name), field)
         return
@@ -35,11 +35,11 @@ def check_name(name: object, field: str = "world") -> None:
 
 
 def build(name: str, rng: np.random.Generator, difficulty: float = 0.5) -> World:
-    """The world of that name; difficulty in [0, 1] scales relief, steps and clutter. `hall` may have its plan behind a colon (hall.parse_plan).
+    """The world of that name; difficulty in [0, 1] scales relief, steps and clutter. A plan of `hall` follows a colon (hall.parse_plan).
 
-    A file is as it is: difficulty has no effect on it.
+    Difficulty has no effect on a file.
 
-    Raises ValueError for an unknown name, for a difficulty out of bounds, or where what the random numbers made cannot be walked in.
+    Raises ValueError for an unknown name, for a difficulty out of bounds, or if the random world has too little free space.
     """
     check_name(name)
     if not 0 <= difficulty <= 1:

@@ -11,16 +11,16 @@ from worlds.terrain.heightfield import Array, Mask
 from worlds.world import World
 
 PATCH = 0.4
-"""m: slopes are those of the ground averaged over a patch of this side, as a foot or a wheel feels them."""
+"""m: slopes are those of heights averaged over a patch of this side, the scale of a foot or a wheel."""
 WINDOW = 1.0
-"""m: roughness is what is left of the heights after the mean over a window of this side."""
+"""m: roughness is the deviation of heights from their mean over a window of this side."""
 STEEP, IRREGULAR = np.deg2rad(10), np.deg2rad(5)
 STEP = 0.05
 """m: the least rise from one grid point to the next, beyond what the slope there explains, that counts as a step."""
 NEAR_STEP = 0.5
 """m from a step within which ground counts as irregular."""
 TALL = 1.2
-"""m over the ground: what is lower hides no walking person's upper half, so it is no occluder."""
+"""m over the ground: lower objects hide no walking person's upper half, so they are no occluders."""
 
 
 @dataclass(frozen=True)

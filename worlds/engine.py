@@ -1,6 +1,6 @@
-"""MuJoCo, imported where MUJOCO_GL names an OpenGL that this computer cannot load, too.
+"""MuJoCo, imported even if MUJOCO_GL names an OpenGL backend that this computer cannot load.
 
-`import mujoco` loads that OpenGL, and fails where it is missing, in ways that differ by backend. Physics and scenes draw nothing, and need none.
+`import mujoco` loads that backend. If it is missing, the import fails in ways that differ by backend. Physics and scenes need no OpenGL.
 Modules take MuJoCo from here: `from worlds.engine import mujoco`.
 """
 
@@ -13,17 +13,17 @@ from typing import TYPE_CHECKING
 __all__ = ["mujoco"]
 
 READ = ("MUJOCO_GL", "PYOPENGL_PLATFORM")
-"""Environment variables that choose an OpenGL; MuJoCo sets the second one while it loads the first."""
+"""Environment variables that choose an OpenGL backend; MuJoCo sets the second while it loads the backend of the first."""
 
 
 def _load() -> object:
-    """The module mujoco, without its own renderer where that cannot be loaded. Raises ImportError where MuJoCo is missing."""
+    """The module mujoco, without its own renderer if that cannot be loaded. Raises ImportError if MuJoCo is missing."""
     given = {name: os.environ.get(name) for name in READ}
     try:
         return importlib.import_module("mujoco")
     except ImportError:
         raise
-    # RuntimeError for an unknown value, AttributeError or OSError for a missing library: PyOpenGL promises no kind.
+    # RuntimeError for an unknown value, AttributeError or OSError for a missing library: PyOpenGL documents no type.
     except Exception:
         os.environ["MUJOCO_GL"] = "disable"
         try:

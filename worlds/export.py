@@ -9,11 +9,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
 from worlds.engine import mujoco
 from worlds.terrain.heightfield import Array
-from worlds.triangles import scenery
+from worlds.triangles import compiled_mesh, scenery
 from worlds.world import World
 
 _ASSETS = "assets"
@@ -27,7 +28,7 @@ def export(world: World, path: Path) -> None:
     * .glb and .obj (with .mtl and .png beside it): textured triangles.
     * .ply: triangles with a colour at each vertex.
 
-    Units are metres, z is up (y in glTF). Nothing half-written is left under that name. Raises ValueError for another ending.
+    Units are metres, z is up (y in glTF). No incomplete file is left under that name. Raises ValueError for another ending.
     """
     forms: dict[str, Callable[[World, Path], None]] = {".xml": _xml, ".mjz": _mjz, ".glb": _triangles, ".obj": _obj, ".ply": _triangles}
     if path.suffix not in forms:
@@ -50,7 +51,7 @@ def _mjz(world: World, path: Path) -> None:
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as archive:
         for name, content in {"model.xml": text.encode(), **{f"{_ASSETS}/{name}": content for name, content in files.items()}}.items():
-            # A fixed date: the same world gives the same bytes.
+            # With a fixed date, the same world gives the same bytes.
             archive.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), content, zipfile.ZIP_DEFLATED)
     _write(path, buffer.getvalue())
 
@@ -68,55 +69,90 @@ def _obj(world: World, path: Path) -> None:
         materials, others = Path(folder, f"{path.stem}.mtl"), {path.name, f"{path.stem}.mtl"}
         # Textures are named after the export, so that two exports in one folder do not share them.
         names = {made.name: f"{path.stem}_{made.name}" for made in Path(folder).iterdir() if made.name not in others}
-        lines = [line.split(" ") for line in materials.read_text(encoding="utf-8").split("\n")]
-        _write(materials, "\n".join(" ".join([*words[:-1], names.get(words[-1], words[-1])]) for words in lines))
+        if materials.is_file():  # There is none where nothing has a texture.
+            lines = [line.split(" ") for line in materials.read_text(encoding="utf-8").split("\n")]
+            _write(materials, "\n".join(" ".join([*words[:-1], names.get(words[-1], words[-1])]) for words in lines))
         for made in sorted(Path(folder).iterdir(), key=lambda file: file.name == path.name):
             made.replace(path.parent / names.get(made.name, made.name))
 
 
 def _mjcf(world: World, folder: str) -> tuple[str, dict[str, bytes]]:
-    """The model's XML, and the files that it reads from `folder`, by name: MuJoCo cannot write buffers into XML."""
+    """The model's XML, and the files that it reads from `folder`, by name: MuJoCo cannot write buffers into XML.
+
+    Assets that a user's model reads from files are written as they were compiled, so that the export needs none of these files.
+    """
     spec = world.spec.copy()
+    model = world.spec.copy().compile() if any(one.file for of in (spec.meshes, spec.textures, spec.hfields) for one in of) else None
     files = {}
+
+    def stored(name: str, content: bytes) -> str:
+        # Names of attached parts have slashes, which would be folders.
+        files[name.replace("/", "-")] = content
+        return f"{folder}/{name.replace('/', '-')}"
+
     for texture in spec.textures:
-        if texture.builtin == mujoco.mjtBuiltin.mjBUILTIN_NONE and texture.data:
-            files[f"{texture.name}.png"] = _png(texture)
-            texture.data = b""
-            texture.file = f"{folder}/{texture.name}.png"
+        if model is not None and (texture.file or any(texture.cubefiles)):
+            texture.file = stored(f"{texture.name}.png", _compiled_png(model, texture))
+            texture.cubefiles, texture.vflip, texture.hflip, texture.content_type = [""] * 6, 0, 0, "image/png"
+            if texture.type != mujoco.mjtTexture.mjTEXTURE_2D:
+                texture.gridsize, texture.gridlayout = [6, 1], "RLUDFB"
+        elif texture.builtin == mujoco.mjtBuiltin.mjBUILTIN_NONE and texture.data:
+            content = _png(np.frombuffer(texture.data, np.uint8).reshape(texture.height, texture.width, texture.nchannel))
+            texture.data, texture.file = b"", stored(f"{texture.name}.png", content)
     for mesh in spec.meshes:
-        files[f"{mesh.name}.obj"] = _wavefront(mesh)
+        content = _wavefront(mesh) if model is None or not mesh.file else _compiled_wavefront(model, mesh)
         mesh.uservert = mesh.userface = mesh.usertexcoord = mesh.usernormal = []
-        mesh.file = f"{folder}/{mesh.name}.obj"
+        mesh.file, mesh.content_type = stored(f"{mesh.name}.obj", content), ""
     for field in spec.hfields:
         heights = np.array(field.userdata, dtype=np.float32)
-        files[f"{field.name}.hf"] = np.array([field.nrow, field.ncol], dtype=np.int32).tobytes() + heights.tobytes()
-        field.userdata = []
-        field.file = f"{folder}/{field.name}.hf"
-        field.content_type = "image/vnd.mujoco.hfield"
-    # It looks into the files while it writes their names.
+        if model is not None and field.file:
+            compiled = model.hfield(field.name)
+            field.nrow, field.ncol, heights = int(compiled.nrow[0]), int(compiled.ncol[0]), compiled.data.ravel().astype(np.float32)
+        content = np.array([field.nrow, field.ncol], dtype=np.int32).tobytes() + heights.tobytes()
+        field.userdata, field.file, field.content_type = [], stored(f"{field.name}.hf", content), "image/vnd.mujoco.hfield"
+    # to_xml reads the files while it writes their names.
     spec.assets = {f"{folder}/{name}": content for name, content in files.items()}
     return spec.to_xml(), files
 
 
-def _png(texture: mujoco.MjsTexture) -> bytes:
-    pixels = np.frombuffer(texture.data, np.uint8).reshape(texture.height, texture.width, texture.nchannel)
+def _compiled_png(model: mujoco.MjModel, texture: mujoco.MjsTexture) -> bytes:
+    """A texture that a model reads from files; the six sides of a cube one below the other."""
+    k = model.texture(texture.name).id
+    shape = model.tex_height[k], model.tex_width[k], model.tex_nchannel[k]
+    return _png(model.tex_data[model.tex_adr[k] : model.tex_adr[k] + int(np.prod(shape))].reshape(shape))
+
+
+def _png(pixels: NDArray[np.uint8]) -> bytes:
     buffer = io.BytesIO()
-    Image.fromarray(pixels).save(buffer, "PNG")
+    Image.fromarray(pixels.squeeze()).save(buffer, "PNG")
     return buffer.getvalue()
 
 
+def _compiled_wavefront(model: mujoco.MjModel, mesh: mujoco.MjsMesh) -> bytes:
+    """An OBJ file of a mesh that a model reads from a file. Its scale and reference frame are in the vertices, and are taken from `mesh`."""
+    made, k = compiled_mesh(model, number := model.mesh(mesh.name).id), np.zeros(9)
+    mujoco.mju_quat2Mat(k, model.mesh_quat[number])
+    vertices = np.asarray(made.vertices) @ k.reshape(3, 3).T + model.mesh_pos[number]
+    mesh.scale, mesh.refpos, mesh.refquat = [1, 1, 1], [0, 0, 0], [1, 0, 0, 0]
+    return _obj_text(vertices, np.asarray(made.faces), made.metadata.get("uv"))
+
+
 def _wavefront(mesh: mujoco.MjsMesh) -> bytes:
-    """An OBJ file with the very numbers of a mesh that was given as arrays."""
-    vertices = np.array(mesh.uservert, dtype=np.float32).reshape(-1, 3)
-    faces = np.array(mesh.userface, dtype=np.int64).reshape(-1, 3) + 1
+    """An OBJ file with the exact float32 values of a mesh that was given as arrays."""
     texcoord = np.array(mesh.usertexcoord, dtype=np.float32).reshape(-1, 2)
+    # OBJ counts v upwards in the picture.
+    uv = np.column_stack([texcoord[:, 0], np.float32(1) - texcoord[:, 1]]) if len(texcoord) else None
+    return _obj_text(np.array(mesh.uservert, dtype=np.float32).reshape(-1, 3), np.array(mesh.userface, dtype=np.int64).reshape(-1, 3), uv)
+
+
+def _obj_text(vertices: NDArray[np.floating], faces: NDArray[np.int64], uv: NDArray[np.floating] | None) -> bytes:
+    """An OBJ file of vertices (n, 3) m, faces (k, 3) and uv (n, 2), v upwards."""
     lines = ["v " + " ".join(map(_decimal, row)) for row in vertices]
-    if len(texcoord):
-        # OBJ counts v upwards in the picture.
-        lines += ["vt " + " ".join(map(_decimal, (u, np.float32(1) - v))) for u, v in texcoord]
-        lines += ["f " + " ".join(f"{k}/{k}" for k in face) for face in faces]
+    if uv is not None:
+        lines += ["vt " + " ".join(map(_decimal, row)) for row in uv]
+        lines += ["f " + " ".join(f"{k}/{k}" for k in face) for face in faces + 1]
     else:
-        lines += ["f " + " ".join(map(str, face)) for face in faces]
+        lines += ["f " + " ".join(map(str, face)) for face in faces + 1]
     return ("\n".join(lines) + "\n").encode()
 
 

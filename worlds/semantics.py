@@ -1,6 +1,6 @@
 """Semantic classes of geoms, derived from their names.
 
-Every geom of a world is named after its kind, then a number, then whatever tells its parts apart: `tree3`, `wall0-left`, `frame1-lintel`.
+The name of a geom is its kind, then a number, then a suffix that distinguishes its parts: `tree3`, `wall0-left`, `frame1-lintel`.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 
 CLASSES = ("sky", "ground", "wall", "structure", "furniture", "rock", "vegetation", "pole", "person", "robot")
-"""Class numbers are places in this list; 0 is where nothing is."""
+"""Class numbers are indices into this list; 0 is for pixels without a geom."""
 
 KINDS = {
     "ground": "ground",
@@ -51,24 +51,24 @@ KINDS = {
     "figure": "furniture",
     "umbrella": "furniture",
 }
-"""Kind of thing → class. A new kind is named here."""
+"""Kind of object → class. A new kind of geom needs an entry here."""
 
 
 WORDS = {
     "ground": "ground floor terrain grass road street asphalt pavement sidewalk carpet soil lawn parquet stair stairs step steps ramp path plane",
     "wall": "wall facade partition brick window windows door curtain",
     "beam": "beam structure building house roof ceiling column arch frame car vehicle truck bus bridge pillar",
-    "table": "table chair furniture desk sofa couch bed shelf cabinet bench bin box crate barrel cupboard bin bins pot mug door_mat",
+    "table": "table chair furniture desk sofa couch bed shelf cabinet bench bin box crate barrel cupboard bin bins pot mug mat",
     "rock": "rock stone boulder cliff cave",
     "tree": "tree bush hedge plant vegetation leaf leaves trunk foliage log",
     "pole": "pole lamp sign bollard post pegs peg leg legs",
 }
-"""Kind of thing → words in the names of a user's nodes and materials that mean it."""
+"""Kind of object → words for it in the names of a user's nodes and materials."""
 _KIND_OF_WORD = {word: kind for kind, words in WORDS.items() for word in words.split()}
 
 
 def kind_of(names: str) -> str | None:
-    """The kind that names of nodes, geoms and materials mean, of KINDS; None where they mean nothing known. The last known word counts."""
+    """The kind, of KINDS, by the last known word in names of nodes, geoms and materials; None without a known word."""
     words = re.findall(r"[a-z]+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", names).lower())
     found = [_KIND_OF_WORD[word] for word in words if word in _KIND_OF_WORD]
     return found[-1] if found else None

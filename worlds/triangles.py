@@ -1,4 +1,4 @@
-"""A MuJoCo scene as plain triangles with textures, for programs that know nothing of MuJoCo."""
+"""A MuJoCo scene as textured triangles, for programs that cannot read MuJoCo's models."""
 
 from __future__ import annotations
 
@@ -16,10 +16,12 @@ from worlds.engine import mujoco
 from worlds.terrain.heightfield import Array
 
 DRAWN_GROUPS = (0, 1, 2, 3)
+DEFAULT_RGBA = np.array([0.5, 0.5, 0.5, 1.0], dtype=np.float32)
+"""Colour of a geom that is given none."""
 
 
 def scenery(spec: mujoco.MjSpec) -> trimesh.Scene:
-    """What is drawn of a spec, a geom a node of the same name, in world coordinates: metres, z up."""
+    """The drawn geoms of a spec, each a node of the same name, in world coordinates: metres, z up. ValueError for a geom without triangles."""
     model = spec.copy().compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -39,16 +41,19 @@ def scenery(spec: mujoco.MjSpec) -> trimesh.Scene:
                 materials[number] = _material(model, number, spec.modelname)
             mesh.visual = TextureVisuals(uv=uv, material=materials[number])
         else:
-            mesh.visual = ColorVisuals(mesh, face_colors=np.round(255 * model.geom_rgba[geom]).astype(np.uint8))
+            # As in MuJoCo, the colour of a material holds where the geom's is the default one.
+            own = number < 0 or (model.geom_rgba[geom] != DEFAULT_RGBA).any()
+            colour = model.geom_rgba[geom] if own else model.mat_rgba[number]
+            mesh.visual = ColorVisuals(mesh, face_colors=np.round(255 * colour).astype(np.uint8))
         name = model.geom(geom).name or f"geom{geom}"
         scene.add_geometry(mesh, node_name=name, geom_name=name)
     return scene
 
 
 def geom_triangles(model: mujoco.MjModel, data: mujoco.MjData, geom: int, reach: float | None = None) -> Array:
-    """(k, 3, 3) m: the triangles of a geom, world. An infinite plane reaches `reach` m, None for as far as the scene.
+    """Triangles (k, 3, 3) m of a geom in world coordinates. An infinite plane reaches `reach` m, or the scene's extent for None.
 
-    Raises ValueError for what has none.
+    Raises ValueError for a geom without triangles.
     """
     mesh = _mesh(model, geom, reach)
     corners: Array = np.asarray(mesh.vertices, dtype=np.float64)[np.asarray(mesh.faces)]
@@ -56,16 +61,16 @@ def geom_triangles(model: mujoco.MjModel, data: mujoco.MjData, geom: int, reach:
 
 
 def _mesh(model: mujoco.MjModel, geom: int, reach: float | None = None) -> trimesh.Trimesh:
-    """A geom in its own frame; texture coordinates, v upwards in the picture, as metadata "uv" where it has any.
+    """A geom in its own frame; its texture coordinates, if any, as metadata "uv", v upwards in the picture.
 
-    Raises ValueError for what has no triangles.
+    Raises ValueError for a geom without triangles.
     """
     kind, size = mujoco.mjtGeom(model.geom_type[geom]), model.geom_size[geom]
     number = int(model.geom_dataid[geom])
     if kind == mujoco.mjtGeom.mjGEOM_HFIELD:
         return _field(model, number)
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
-        return _compiled(model, number)
+        return compiled_mesh(model, number)
     if kind == mujoco.mjtGeom.mjGEOM_PLANE:
         x, y = (float(side) if side > 0 else float(reach or model.stat.extent) for side in size[:2])
         return trimesh.Trimesh([(-x, -y, 0), (x, -y, 0), (x, y, 0), (-x, y, 0)], [(0, 1, 2), (0, 2, 3)], process=False)
@@ -82,7 +87,7 @@ def _mesh(model: mujoco.MjModel, geom: int, reach: float | None = None) -> trime
     raise ValueError(f"geom {model.geom(geom).name!r} is a {kind.name}, which has no triangles to export")
 
 
-def _compiled(model: mujoco.MjModel, number: int) -> trimesh.Trimesh:
+def compiled_mesh(model: mujoco.MjModel, number: int) -> trimesh.Trimesh:
     """A mesh with a vertex of its own for every corner that has its own texture coordinates."""
     first, count = model.mesh_faceadr[number], model.mesh_facenum[number]
     faces = model.mesh_face[first : first + count]
@@ -111,7 +116,7 @@ def _field(model: mujoco.MjModel, number: int) -> trimesh.Trimesh:
 
 
 def _material(model: mujoco.MjModel, number: int, owner: str) -> Any:
-    """The material, named after the model too: files of several worlds lie side by side."""
+    """The material. Its name begins with that of the model, since files of several worlds may share a folder."""
     texture = int(model.mat_texid[number, mujoco.mjtTextureRole.mjTEXROLE_RGB])
     colour = np.round(255 * model.mat_rgba[number]).astype(np.uint8)
     image = None

@@ -49,9 +49,9 @@ OPTIONS: dict[str, dict[str, tuple[float, float, float]]] = {
 
 fov: degrees; of a fisheye the cone that it sees, of a pinhole from left to right, of a cylinder from top to bottom. width, height: px.
 yaw, pitch: degrees, the direction of the optical axis, to the left and up. fx, fy, cx, cy: px, in place of fov.
-k1 to k4, p1, p2: distortion as OpenCV has it. baseline: m between the lenses. distance: m, at which stitching has no parallax.
+k1 to k4, p1, p2: distortion as in OpenCV. baseline: m between the lenses. distance: m, at which stitching has no parallax.
 feather: degrees over which the two pictures are blended. lens: px, side of a lens' picture.
-focal_error: %, by which stitching takes the focal length of the lenses as too long. A dual fisheye has the option output, too.
+focal_error: %, by which stitching overestimates the focal length of the lenses. A dual fisheye has the option output, too.
 """
 WHOLE = ("width", "height", "lens")
 
@@ -84,7 +84,7 @@ euroc: left camera of the EuRoC data set, an MT9V034 with a global shutter, with
 (Burri et al., The EuRoC micro aerial vehicle datasets, IJRR 2016).
 """
 LENSES = ("_front", "_back")
-"""What the names of the views of the two lenses end with."""
+"""Suffixes of the names of the views of the two lenses."""
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,7 @@ def lens_angle(angle: float, baseline: float, distance: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class RigView:
-    """One picture of a rig. suffix: what its name has beyond that of the rig. T_rig_view: where it is."""
+    """One picture of a rig. suffix: appended to the name of the rig. T_rig_view: pose of its camera in the rig."""
 
     suffix: str
     camera: Camera
@@ -253,7 +253,7 @@ def _pinhole(specification: CameraSpecification, width: int) -> Pinhole:
 
 
 def _size(specification: CameraSpecification, width: int, aspect: float) -> tuple[int, int, float]:
-    """Width and height px, and the scale of a published calibration, whose own size has the aspect of its sensor."""
+    """Width and height px, and the scale of a published calibration, whose aspect is that of its sensor."""
     if specification.published_width:
         chosen = specification.size("width", width)
         scale = chosen / specification.published_width

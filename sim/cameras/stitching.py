@@ -23,7 +23,7 @@ class Stitching:
 
     T_rig_lens: poses of the lenses; the panorama's frame is that of the rig. distance: m, of the surface on which the pictures agree.
     feather: rad, the width of the zone around the seam in which they are blended.
-    believed: the lens that stitching takes them for; that of the truth where its calibration is right.
+    believed: the lens model that stitching assumes; None where it is the true lens.
     """
 
     panorama: Panorama
@@ -134,7 +134,7 @@ class HalfPanorama:
 
 
 def _through(one: Fisheye, other: Fisheye, bearings: Array) -> Array:
-    """What lens `other` sees in the pixels in which lens `one` sees `bearings` (n, 3). Directions that `one` does not see are kept."""
+    """Directions (n, 3) in lens `other` of the pixels in which lens `one` sees `bearings` (n, 3). Directions that `one` does not see are kept."""
     pixels, known = one.pixels_from_bearings(bearings)
     out = np.array(bearings)
     out[known] = other.bearings_from_pixels(pixels[known])

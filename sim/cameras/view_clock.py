@@ -12,7 +12,7 @@ import numpy as np
 LIMITS: dict[str, tuple[float, float]] = {"rate": (0.1, 60.0), "offset": (0.0, 60.0), "lost": (0.0, 0.95)}
 """Least and greatest rate 1/s, offset s, and probability of a loss."""
 LONGEST = 1e5
-"""s: freezes begin and end before."""
+"""s: largest begin, and largest length, of a freeze."""
 _GRAMMAR = "[NAME:]rate=HZ,offset=S,lost=P,freeze=BEGIN+SECONDS, more cameras after ;"
 
 

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from tracker.recordings import Recording, RecordingCamera
 
 UNKNOWN = 3
-"""The exit code where data do not say enough, and a guess was written."""
+"""The exit code where the data do not determine all parameters, and a guess was written."""
 METRES = "a number of metres"
-"""What options of lengths need."""
+"""The value that options of lengths need, for error messages."""
 
 
 @dataclass(frozen=True)
@@ -31,18 +31,18 @@ class Calibrate:
     """Calibrate cameras by the people who walk before them.
 
     SOURCE is a recording of fixed cameras with boxes of people, on flat ground. A camera
-    of which nothing is known has its width and height alone in recording.json. The
+    with unknown calibration has only its width and height in recording.json. The
     command finds its focal length, pitch, roll, height and place, and the offset of
-    its clock. Cameras that have R and t keep them, and define the world. Without one,
-    the first camera is at x = y = 0 and looks along x.
+    its clock. Cameras that have R and t keep them, and define the world. If none has
+    them, the first camera is at x = y = 0 and looks along x.
 
-    It needs people who walk about: feet and heads tell each camera, paths that two
-    cameras see tell how they stand to each other. Scale comes from the stature of
+    It needs people who walk about. Feet and heads determine each camera. Paths that
+    two cameras see determine their relative pose. Scale comes from the stature of
     people (1.72 m in the mean), from --height or from --distance.
 
     The result is a recording with calibrated.json: parameters, deviations, covariance.
-    Where the data do not say enough, a line tells what, the exit code is 3, and the
-    best guess is in DIR.guess.
+    Where the data do not determine a parameter, a line names it, the exit code is 3,
+    and the best guess is in DIR.guess.
 
     Examples: pilsim calibrate my-cameras --out runs/calibrated
               pilsim calibrate my-cameras --height C1=2.85 --out runs/calibrated
@@ -55,7 +55,7 @@ class Calibrate:
     out: Out
     """Folder of the new recording; it must not exist yet."""
     from_: Annotated[Literal["given", "nothing", "intrinsics", "current"], arg(name="from")] = "given"
-    """What of the cameras is believed: what is given, only sizes of images, only K, or all, to find what has moved."""
+    """Parameters that are kept: all given ones, image sizes only (nothing), K too (intrinsics), or all as a start, to find changes (current)."""
     height: tyro.conf.UseAppendAction[Annotated[tuple[str, ...], arg(metavar="NAME=M", help_behavior_hint="(default: none; repeatable)")]] = ()
     """Height of a camera above the ground, m."""
     distance: tyro.conf.UseAppendAction[Annotated[tuple[str, ...], arg(metavar="NAME,NAME=M", help_behavior_hint="(default: none; repeatable)")]] = ()
@@ -63,7 +63,7 @@ class Calibrate:
     pixel_aspect: tyro.conf.UseAppendAction[
         Annotated[tuple[str, ...], arg(metavar="NAME=RATIO", help_behavior_hint="(default: by size; repeatable)")]
     ] = ()
-    """Width over height of a camera's pixels. By default they are squares, and 720 x 576 px and other sizes of PAL and NTSC are shown as 4:3."""
+    """Width over height of a camera's pixels. By default pixels are square, but 720 x 576 px and other sizes of PAL and NTSC count as 4:3."""
     stature: Annotated[str, arg(metavar="M|none")] = "1.72"
     """Mean stature of the people, m; none where it is not known."""
     principal: bool = False
@@ -73,7 +73,7 @@ class Calibrate:
     picture: Annotated[Path | None, Ending(".png"), unset("FILE.png", "none")] = None
     """Draw the plan with the paths of people, and the view of each camera with ground grid and horizon."""
     page: Annotated[Path | None, Ending(".html"), unset("FILE.html", "none")] = None
-    """Write a page with figures, what is not known, and pictures before and after."""
+    """Write a page with figures, undetermined parameters, and pictures before and after."""
     choice: OmitArgPrefixes[SourceChoice] = SourceChoice()
     json: bool = False
     """Print JSON alone."""
@@ -105,7 +105,7 @@ class Calibrate:
         return self.out.with_name(self.out.name + ".guess")
 
     def _known(self) -> Known:
-        """What the options tell. Raises ValueError for an invalid one."""
+        """The knowledge that the options give. Raises ValueError for an invalid option."""
         from tracker.calibration import Known
 
         heights = dict(_named_number("--height", text, METRES) for text in self.height)
@@ -122,7 +122,8 @@ class Calibrate:
         return Known(heights, distances, stature, self.principal, self.k1, refine=self.from_ == "current")
 
     def _believed(self, recording: Recording) -> Recording:
-        """The recording with what of its cameras is believed. Raises ValueError where nothing is left to find."""
+        """The recording with the camera parameters that --from keeps. Raises ValueError where nothing is left to estimate."""
+        from tracker.geometry.cameras import LensCamera
         from tracker.recordings import RecordingCamera
 
         named = [
@@ -139,10 +140,13 @@ class Calibrate:
                 model = camera.camera
                 kept = model if self.from_ == "intrinsics" or model.wraps else None
                 cameras[name] = RecordingCamera.uncalibrated(model.width, model.height, kept)
+        same = [name for name in recording.fixed if isinstance(cameras[name].camera, LensCamera) and "K" not in cameras[name].unknown]
+        if same and (self.principal or self.k1):
+            print(f"--principal and --k1 change nothing of {', '.join(same)}, whose K is known; --from nothing forgets it", file=sys.stderr)
         return replace(recording, cameras=self._with_pixels(cameras))
 
     def _with_pixels(self, cameras: dict[str, RecordingCamera]) -> dict[str, RecordingCamera]:
-        """The cameras with the pixels of --pixel-aspect, and a line for each whose size tells them. Raises ValueError for a camera with K."""
+        """The cameras with the pixel aspect of --pixel-aspect, or of PAL or NTSC, which is printed. Raises ValueError for a camera with K."""
         from tracker.geometry.cameras import Pinhole
 
         given, out = dict(_named_number("--pixel-aspect", text, "a number") for text in self.pixel_aspect), dict(cameras)
@@ -188,7 +192,7 @@ class Calibrate:
 
 
 def _draw(recording: Recording, path: Path, paths: tuple[Array, ...]) -> str:
-    """Draw the calibration of a recording. Returns what `check` says of it."""
+    """Draw the calibration of a recording. Returns the findings of its check as sentences."""
     from sim.visualization.calibration_picture import draw_calibration
     from tracker.recordings.calibration_check import check_calibration
 
@@ -198,14 +202,14 @@ def _draw(recording: Recording, path: Path, paths: tuple[Array, ...]) -> str:
 
 
 def _drawn(recording: Recording, paths: tuple[Array, ...]) -> tuple[str, bytes]:
-    """The same with the bytes of the picture, which is not kept."""
+    """As `_draw`, with the bytes of the picture, which is not kept."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "calibration.png"
         return _draw(recording, path, paths), path.read_bytes()
 
 
 def _named_number(option: str, text: str, what: str) -> tuple[str, float]:
-    """NAME=NUMBER. Raises ValueError for anything else, which says that `what` above 0 is needed."""
+    """Parse NAME=NUMBER. Raises ValueError for anything else, with the message that `what` above 0 is needed."""
     name, _, number = text.rpartition("=")
     value = _positive(number)
     if not name or value is None:

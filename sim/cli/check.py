@@ -28,15 +28,15 @@ class Check:
     instance masks to the pixel. It checks that key points project from the joints,
     and that values are within their bounds.
 
-    Another source with fixed cameras is a recording of one's own, WILDTRACK or
-    PETS 2009, for instance. The command prints a line a camera, and what looks wrong.
-    It tells of units (mm, cm), of R or t in the other direction, and of camera axes.
-    It tells of boxes of other or mirrored images, and of swapped cameras. It tells of
-    frames that are numbered otherwise or have no boxes, and of images that do not fit.
+    Another source with fixed cameras is a recording of your own, WILDTRACK or
+    PETS 2009, for instance. The command prints a line per camera, and what looks wrong.
+    It detects wrong units (mm, cm), inverted R or t, and wrong camera axes. It detects
+    boxes of other or mirrored images, swapped cameras, frames with shifted numbers or
+    without boxes, and images that do not fit.
 
     The exit code is 0 where nothing is wrong, and 2 where an error is named. It is 1
-    where the boxes fit nothing and no error is known that explains it: `calibrate
-    --from current` then finds what has moved, and `calibrate` calibrates anew.
+    where the boxes do not fit the calibration and no known error explains it. Then
+    `calibrate --from current` finds what has moved, and `calibrate` calibrates anew.
 
     Examples: pilsim check D
               pilsim check D/pilsun-00000 --json
@@ -55,7 +55,7 @@ class Check:
     def run(self) -> None:
         from tracker.formats.opening import is_pilsim
 
-        # What is no folder, or nothing that is known, is told of by the check of datasets or by the opening.
+        # A missing folder or an unknown format is reported by the check of datasets or by the opening.
         if is_pilsim(self.source):
             self._dataset()
         else:

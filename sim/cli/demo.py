@@ -29,8 +29,8 @@ class Demo:
 
     The command runs the whole pipeline once, at 6 frames a second.
 
-    With --detector pixels nothing that is tracked sees the truth: boxes and landmarks
-    come from the panoramas.
+    With --detector pixels, boxes of people come from the panoramas, as landmarks do,
+    and not from the truth.
 
     Examples: pilsim demo
               pilsim demo --detector pixels --out runs/pixels
@@ -44,9 +44,9 @@ class Demo:
     width: int = 1024
     """Width of a panorama, pixels; it is half as high."""
     out: Out = Path("runs/demo")
-    """Folder of all results. The same scenario again reuses what is there."""
+    """Folder of all results. A run of the same scenario reuses them."""
     scene: Annotated[OmitArgPrefixes[SceneOptions], arg(name="scene")] = USUAL
-    """These options set the world, and who is in it."""
+    """These options set the world, its people and its robots."""
     boxes: Annotated[OmitArgPrefixes[BoxOptions], arg(name="detector")] = BoxOptions()
     """These options choose where the boxes of people come from."""
     cameras: Annotated[OmitArgPrefixes[CameraSettings], arg(name="cameras")] = CameraSettings()
@@ -71,8 +71,8 @@ class Demo:
 def run_demo(scenario: Scenario, out: Path, pixels: bool = False, model: Path | None = None) -> dict[str, Any]:
     """Run the whole pipeline into a folder, and return the scores. Parts of the same scenario in the folder are reused.
 
-    pixels: whether boxes are found in the panoramas, by `model` or the one of the package; else they are those of the simulated detector.
-    Hold the lock of the folder. Raises ValueError where it holds another run, and for a model that cannot be used.
+    pixels: whether boxes are found in the panoramas, by `model` or the model of the package; otherwise they are simulated.
+    The caller holds the lock of the folder. Raises ValueError where it holds another run, and for a model that cannot be used.
     """
     from sim.parallel.pool import usable_cores
     from sim.recording.record import record
@@ -89,7 +89,7 @@ def run_demo(scenario: Scenario, out: Path, pixels: bool = False, model: Path | 
     from tracker.sequence.results import read_results
 
     check_folder(scenario, out)
-    # The model is checked before the work, and the run names it.
+    # The model is checked before the long work, and the description of the run names it.
     run: dict[str, Any] = {"source": "sequence", "views": []} | ({"model": PersonNetwork(model).checksum} if pixels else {})
     folder = out / "sequence"
     # On the first run, the tracker's kernels are compiled while the sequence is made.

@@ -18,12 +18,12 @@ class Detect:
     SOURCE is a video, an image, a folder of images or videos, or any source of
     `track` with images. Images of a folder are taken in the order of the numbers in
     their names, upright by their EXIF orientation. Boxes are MOT15, a file a camera.
-    The same command goes on after an interruption.
+    The same command continues after an interruption.
 
     CAMERA.visible.txt has a row for each row of CAMERA.txt, with the box of the
-    visible part. The share of the body that is seen is in place of the probability.
-    Nearer people, who have lower feet, cover those behind them. Behind furniture,
-    walls and things, bodies are taken as whole, as the network knows whole bodies.
+    visible part. The visible share of the body replaces the probability. Nearer
+    people, who have lower feet, occlude those behind them. Furniture, walls and
+    other things are not considered, since the network gives whole bodies.
 
     Examples: pilsim detect street.mp4 --out runs/boxes --pictures
               pilsim detect PETS2009/S2.L1 --cameras 1 --frames 0:400 --out runs/boxes
@@ -34,18 +34,18 @@ class Detect:
     out: Out
     """Folder of CAMERA.txt: frame from 1, −1, left, top, width, height in pixels, probability."""
     boxes: Literal["whole", "visible"] = "whole"
-    """What CAMERA.txt holds: boxes of whole bodies, or of their visible parts."""
+    """Boxes in CAMERA.txt: of whole bodies, or of their visible parts."""
     cameras: Annotated[str, unset("NAME,...", "all")] = ""
     """Cameras of a recording or sequence to use, as C1,C3."""
     frames: Annotated[str, unset("A:B", "all")] = ""
-    """Frames of a recording or sequence to use, counted from 0, without B."""
+    """Frames A to B − 1 of a recording or sequence to use, counted from 0."""
     model: Annotated[Path | None, unset("FILE.onnx", "the one of the package")] = None
     """The model, an ONNX file that `train-detector` makes."""
     panorama: bool = False
-    """The right edge of the images continues at the left one. Recordings and sequences know it.
+    """The images are panoramas, whose right edge continues at the left edge. Recordings and sequences store this.
 
-    Images twice as wide as high are searched where people can stand, by a camera at
-    0.8 to 1.8 m that is nearly upright. Sequences and recordings know its height."""
+    In images twice as wide as high, people are searched where they can stand, for a
+    nearly upright camera 0.8 to 1.8 m high. Sequences and recordings give the height."""
     pictures: bool = False
     """Write the images with the boxes drawn, too."""
     video: bool = False

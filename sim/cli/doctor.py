@@ -20,7 +20,7 @@ class Doctor:
     """Report what this computer has: versions, OpenGL, rendering speed.
 
     The report names the OpenGL renderer, says whether it is a GPU, and measures the
-    panoramas that it renders per second. It counts what passes to and from the driver.
+    panoramas that it renders per second. It counts transfers to and from the driver.
 
     Example: pilsim doctor --json
     """

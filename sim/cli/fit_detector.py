@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 class FitDetector:
     """Fit the errors of a detector to truth and detections.
 
-    The model says how often people are missed and for how long, and how far edges
-    are off. It has merged, second and false boxes, those that stay, and confidences.
+    The model has rates and durations of misses, errors of edges, confidences, merged
+    boxes, second boxes of a person, and new and lasting false boxes.
     Every figure has a 95 % interval. `generate`, `stress`, `demo` and `place`
     simulate the model: --detector-model FILE.
 

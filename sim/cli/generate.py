@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ImageFiles:
-    """Files of images beside JPEG."""
+    """Image files beside JPEG."""
 
     png: bool = False
     """Write images without loss, as PNG in place of JPEG; files are three times as large."""
@@ -93,11 +93,11 @@ class Generate:
     cameras: Annotated[str | None, unset("NAME,...", "all; 1 of PETS 2009")] = None
     """Names or numbers of the cameras of a twin, as in 1,5,7."""
     render: bool = True
-    """Render images. With --no-render, boxes are by ray casting, robots have odometry and each other, and a recording is written."""
+    """Render images. With --no-render, boxes come from ray casting, robots have odometry and sightings of each other, and a recording is written."""
     workers: Annotated[int | None, unset("INT", "one a core")] = None
     """Number of processes that draw on this machine; the bytes are the same with any number."""
     scene: Annotated[OmitArgPrefixes[SceneOptions], arg(name="scene")] = SceneOptions()
-    """These options set the world, and who is in it."""
+    """These options set the world, its people and its robots."""
     files: Annotated[OmitArgPrefixes[ImageFiles], arg(name="file")] = ImageFiles()
     """These options choose what is written beside JPEG images and tables."""
     twin: Annotated[OmitArgPrefixes[TwinFiles], arg(name="twin")] = TwinFiles()

@@ -21,8 +21,8 @@ class Import:
 
     BAG is a file .bag, .mcap or .db3, or a folder with metadata.yaml.
     `pilsim info BAG` lists its topics. `detect`, `track` and `view` read the result.
-    Cameras are where transforms (tf, tf_static) or --calibration say; frames of images
-    are optical, as ROS has them. The command needs pip install 'pilsim[ros]'.
+    Camera poses come from transforms (tf, tf_static) or --calibration; image frames
+    are optical frames, as in ROS. The command needs pip install 'pilsim[ros]'.
 
     Examples: pilsim import walk.bag --camera /pano/image_raw=panorama --odometry /odom
                   --imu /imu --out runs/walk
@@ -40,11 +40,11 @@ class Import:
     odometry: Topics = ()
     """Odometry of a robot. A camera on a robot without odometry is predicted at constant velocity."""
     imu: Topics = ()
-    """IMU of a robot, which says where up is."""
+    """IMU of a robot, which gives the direction of gravity."""
     detections: Topics = ()
     """Boxes of people (vision_msgs/Detection2DArray) in the frame of a camera."""
     calibration: Annotated[Path | None, unset("FILE.json", "CameraInfo and transforms")] = None
-    """Cameras as in recording.json, by their names or topics, in place of what the bag says."""
+    """Cameras as in recording.json, by their names or topics, in place of those of the bag."""
     ground: Annotated[float, arg(metavar="M")] = 0.0
     """Height of flat ground in the world, m."""
     exported: bool = False

@@ -16,7 +16,7 @@ class Info:
     """Summarize a dataset: frames, cameras, people, boxes, density, sizes.
 
     SOURCE is a dataset, one sequence, or any source of `pilsim track`. `pilsim check`
-    verifies it. Of a bag (ROS 1, ROS 2, MCAP), the topics are listed with types,
+    verifies it. For a bag (ROS 1, ROS 2, MCAP), the topics are listed with types,
     numbers, rates and gaps.
 
     Examples: pilsim info D

@@ -39,19 +39,19 @@ OLD_NAMES: dict[str, dict[str, str]] = {
     **{name: {"--views": "--cameras"} for name in ("check", "track", "fit-detector", "predict")},
     "stress": {"--ladder": "--ablation", "--no-ladder": "--no-ablation"},
 }
-"""Command → old name of an option → its name of today. Old names go on working; the help does not show them."""
+"""Command → old name of an option → its present name. Old names still work; the help does not show them."""
 WIDEST = 120
 """Largest width of the help of a command, columns."""
 WRONG_TYPE = re.compile(r"Error parsing (\S+): no type matching \{None\}\|(\S+) could be instantiated from \[(.*?)\]\. .*")
-"""What tyro says of a word that is not of the type of its option."""
+"""tyro's message for a value of the wrong type."""
 NEAR = 0.7
 """Least similarity, from 0 to 1 (difflib), of a word to the name that an error message suggests for it."""
 MOMENT = 0.02
-"""Time after which Ctrl-C comes again where it was lost, s."""
+"""Delay after which a lost Ctrl-C is raised again, s."""
 
 
 class _Stream(io.FileIO):
-    """A standard stream whose failure does not end the work: further output is dropped, and the first error of the system is kept.
+    """A standard stream whose failure does not end the command: further output is dropped, and the first OSError is kept.
 
     A broken pipe of standard output is raised, since nobody reads what the command prints.
     """
@@ -70,9 +70,9 @@ class _Stream(io.FileIO):
 
 
 def _guard_streams() -> None:
-    """Make the standard streams safe, but for those that a test captures.
+    """Replace the standard streams by ones that tolerate failures, except those that a test captures.
 
-    A closed stream becomes the null device, so that no file of ours takes its number. Characters that a stream lacks are replaced.
+    A closed stream becomes the null device, so that no other file takes its number. Characters outside the encoding are replaced.
     """
     for number in range(3):
         try:
@@ -88,7 +88,7 @@ def _guard_streams() -> None:
 
 
 def main() -> None:
-    """Run the command line. The exit code is 0, 2 with one line for bad input, or 130 when interrupted."""
+    """Run the command line. The exit code is 0, 2 with one line for bad input, 130 when interrupted, 1 for a broken pipe, or the command's own."""
     _guard_streams()
     sys.unraisablehook = _unraisable
     try:
@@ -122,14 +122,14 @@ def main() -> None:
 def _interrupted() -> NoReturn:
     """End the process after Ctrl-C. Another Ctrl-C is ignored from here on."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # Where a compiled module saw the signal first, CPython would end by the signal, and not with this code, unless something else is run by it.
+    # Where a compiled module saw the signal first, CPython would end by the signal instead of this code, unless it runs other code first.
     ctypes.pythonapi.PyRun_SimpleString(b"")
     print("interrupted: complete results are kept, the same command continues from there", file=sys.stderr)
     sys.exit(CODE)
 
 
 def _unraisable(found: sys.UnraisableHookArgs) -> None:
-    """Ctrl-C in a place that cannot raise, as a callback of a compiler, comes again a moment later."""
+    """Raise Ctrl-C again a moment later where it came in a place that cannot raise, as in a callback of a compiler."""
     if found.exc_type is KeyboardInterrupt:
         threading.Timer(MOMENT, _thread.interrupt_main).start()
     else:
@@ -158,7 +158,7 @@ def _message(error: Exception) -> str:
 
 
 def _parse(words: list[str]) -> Any:
-    """The command of the command line; None where its help was asked for and is printed. Raises ValueError for a wrong word or value."""
+    """The parsed command, or None after printing its help. Raises ValueError for a wrong word or value."""
     _check_names(words)
     errors, output = io.StringIO(), _Output()
     # In a wide terminal, tyro would put expert options beside the common ones.
@@ -195,7 +195,7 @@ def _wrapped(text: str, width: int) -> Iterator[str]:
 
 
 def today(words: list[str]) -> list[str]:
-    """A command line with today's names of options. `generate --views` was a number, and names for a twin."""
+    """A command line with the present names of options. `generate --views` was a number of cameras, `generate twin --views` their names."""
     old = OLD_NAMES.get(words[0], {}) | ({"--views": "--cameras"} if words[:2] == ["generate", "twin"] else {})
     return ["".join((old.get(name, name), *value)) for name, *value in (word.partition("=") for word in words)]
 
@@ -253,9 +253,5 @@ def _first_part(box: str) -> str:
     lines = [line.strip("│| ") for line in box.splitlines() if line.startswith(("│", "|"))]
     rules = [k for k, line in enumerate(lines) if line and set(line) <= set("─-")]
     text = " ".join(lines[: rules[0] if rules else None]).rstrip(".")
-    # Of an option that may be left out, tyro lists the error of each of its types.
+    # For an option that may be omitted, tyro lists the error of each of its types.
     return WRONG_TYPE.sub(r"\1 is \3, needs \2", text)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,4 +1,4 @@
-"""What several commands share: helpers, and options of simulated sequences, most of them fields of a scenario. None keeps the value of the preset."""
+"""Helpers and options that several commands share. Most options are fields of a scenario; None keeps the value of the preset."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Number = Annotated[float | None, unset("FLOAT", _OWN)]
 
 
 def print_place(sequence: Path) -> None:
-    """Print what was read, guessed or left out of a user's file, where the place of a sequence was made of one."""
+    """Print what was read, guessed or left out, where the place of a sequence was made from a user's file."""
     if (file := sequence / "place.toml").is_file():
         from worlds.world import notes_of
 
@@ -69,11 +69,11 @@ def ground_area(text: str) -> np.ndarray[Any, np.dtype[np.float64]]:
 
 
 def command_line(command: Any, without: Container[str], repeated: Container[str] = ()) -> str:
-    """The command line that gives a command its changed options. without: options to leave out. repeated: those with their name before each value."""
+    """The command line that gives a command its changed options. without: options to leave out. repeated: options whose name precedes each value."""
     name = re.sub("(?<!^)(?=[A-Z])", "-", type(command).__name__).lower()
     words = ["pilsim", name]
     for option, value, usual in options_of(command):
-        # A field named by a word of Python ends with "_".
+        # The name of a field that is a keyword of Python ends with "_".
         flag = f"--{option.rstrip('_').replace('_', '-')}"
         if option == "source":
             words += [] if value is None else [str(value)]
@@ -90,7 +90,7 @@ def command_line(command: Any, without: Container[str], repeated: Container[str]
 
 @contextmanager
 def locked(*files: Path | None) -> Iterator[None]:
-    """Lock the files that are written; None is none. Raises ValueError where another process writes one of them."""
+    """Lock the files that are written; None stands for no file. Raises ValueError where another process writes one of them."""
     from tracker.io.file_lock import output_file_lock
 
     with ExitStack() as locks:
@@ -100,7 +100,7 @@ def locked(*files: Path | None) -> Iterator[None]:
 
 
 def json_text(value: Any, indent: int | None = None) -> str:
-    """As that of tracker/io/json_files.py, which is imported on demand: the help of a command needs no package of the tracker."""
+    """As json_text of tracker/io/json_files.py, imported on demand, since the help of a command needs no package of the tracker."""
     from tracker.io.json_files import json_text as text
 
     return text(value, indent)
@@ -108,7 +108,7 @@ def json_text(value: Any, indent: int | None = None) -> str:
 
 @dataclass(frozen=True)
 class SceneOptions:
-    """The world, and who is in it."""
+    """The world, its people and its robots."""
 
     world: Word = None
     """Name of the world, as `pilsim worlds` lists it, or a file: a height map (dem.png:size=60,low=0,high=6), a mesh (.glb) or MJCF (.xml).
@@ -130,7 +130,7 @@ USUAL = SceneOptions("pilsun", 0.5, 4, 10)
 
 @dataclass(frozen=True)
 class BoxOptions:
-    """Where the boxes of people come from."""
+    """Source of the boxes of people."""
 
     detector_model: DetectorModelName = "independent"
     """Errors of a real detector: a file of `pilsim fit-detector`, fairmot, faster-rcnn, keypoint-rcnn, pets-det or pixels."""
@@ -141,7 +141,7 @@ class BoxOptions:
 
     @property
     def pixels(self) -> bool:
-        """Whether boxes are found in the panoramas. Raises ValueError for a model without them."""
+        """Whether boxes are found in the panoramas. Raises ValueError for a model without --detector pixels."""
         if self.model is not None and self.detector != "pixels":
             raise ValueError(f"{self.model}: --model is for --detector pixels")
         return self.detector == "pixels"
@@ -174,7 +174,7 @@ class ScenarioSettings:
     umbrellas: Number = None
     """Share of the people who carry an open umbrella, from 0 to 1; it hides what is behind it and is no part of a body."""
     light: Word = None
-    """built (as the world has it), overcast, low (a low warm sun), dim, or lamps (of a room, in place of the sun)."""
+    """built (the light of the world), overcast, low (a low warm sun), dim, or lamps (of a room, in place of the sun)."""
     wet: Number = None
     """How wet the ground is, from 0 to 1: darker, and bright towards the sun."""
     facades: Whole = None
@@ -194,7 +194,7 @@ class CameraSettings:
     camera: Annotated[str | None, unset("MODEL[:OPTIONS]", "equirectangular")] = None
     """Camera of the rovers: equirectangular, fisheye, pinhole, cylindrical, dual-fisheye, or theta-sc, tum-vi, euroc; as fisheye:fov=200,pitch=10."""
     view_camera: Annotated[str | None, unset("MODEL[:OPTIONS]", "Tsai's pinhole")] = None
-    """The same of the fixed cameras."""
+    """Camera model of the fixed cameras, as for --camera."""
     view_clock: Annotated[str | None, unset("CLOCKS", "one picture a frame")] = None
     """When fixed cameras take pictures, as View_001:rate=7,offset=0.13;View_002:lost=0.1;View_003:freeze=4+3 (1/s, s, share, BEGIN+SECONDS)."""
     effect: Annotated[UseAppendAction[tuple[str, ...]], unset("NAME=VALUE", "none")] = ()
@@ -236,9 +236,9 @@ class DetectorSettings:
 
 
 def detector_given(options: DetectorSettings) -> dict[str, Any]:
-    """Name → value of the settings of the detector; a model as scenarios hold it.
+    """Name → value of the settings of the detector; a model in the form that scenarios hold.
 
-    Raises ValueError for an unknown or invalid model, and for settings of the independent detector beside one.
+    Raises ValueError for an unknown or invalid model, and for settings of the independent detector beside a model.
     """
     from tracker.detector_models.model import INDEPENDENT, chosen_model
 

@@ -24,7 +24,7 @@ class EpisodeOptions:
     drive: str = "kinematic"
     """Motion of the robots: kinematic, or physics (wheels on MuJoCo's terrain)."""
     observation: str = "state"
-    """What a policy observes: state gives visible people their true ids; tracks runs SLAM and tracker, and scores it, too."""
+    """Observation of a policy: state has the true ids of visible people; tracks runs SLAM and the tracker, and scores them, too."""
     detector_model: DetectorModelName = "independent"
     """The detector of people: a file of `pilsim fit-detector`, fairmot, faster-rcnn, keypoint-rcnn, pets-det or pixels."""
     parameters: Annotated[Path | None, unset("FILE.toml", "none")] = None
@@ -52,9 +52,9 @@ class Place:
     All policies play the same episodes: the same maps, people and starts. The table
     gives means over seeds with 95 % intervals. Its columns are the expected information
     about a person, and the shares of people that one and two robots see. Then come the
-    way driven, collisions, and frightened people per decision. With --observation
-    tracks, the default tracker is scored, too: HOTA, IDF1, MOTA and the error of the
-    robots' paths.
+    distance driven, and collisions and near misses with people per decision. With
+    --observation tracks, the default tracker is scored, too: HOTA, IDF1, MOTA and the
+    error of the robots' paths.
     A second table gives paired differences from the first policy. A difference is
     significant where its interval excludes 0.
 
@@ -92,7 +92,7 @@ class Place:
     json: bool = False
     """Print JSON alone: means, intervals and every episode."""
     scene: Annotated[OmitArgPrefixes[SceneOptions], arg(name="scene")] = dataclasses.replace(USUAL, world="ruins")
-    """These options set the world, and who is in it."""
+    """These options set the world, its people and its robots."""
     episode: Annotated[OmitArgPrefixes[EpisodeOptions], arg(name="episode")] = EpisodeOptions()
     """These options change what happens in an episode."""
     training: Annotated[OmitArgPrefixes[Training], arg(name="training")] = Training()
@@ -175,7 +175,7 @@ class Place:
             options["detector_model"] = chosen_model(model)
         if (file := options.pop("parameters", None)) is not None:
             options["parameters"] = tuple(read_parameters(file).items())
-        # A preset replaces the world and who is in it.
+        # A preset replaces the world, the robots and the people.
         replaced = () if self.episode.density is None else DENSITIES["pilsun"]
         return {name: value for name, value in options.items() if name not in replaced}
 

@@ -1,4 +1,4 @@
-"""The command `pilsim predict`: say what a tracker would score before given cameras, and compare it with the real boxes."""
+"""The command `pilsim predict`: predict the scores of a tracker on given cameras, and compare them with those on the real boxes."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ class Predict:
     """Predict the scores of a tracker on your cameras.
 
     The first half of a recording with truth gives a model of the detector's errors
-    in each view. In the second half, the true people are seen by that model, with
-    several seeds. A tracker runs on these twins and on the real boxes. Scores and
-    errors by cause stand side by side. Nothing is rendered.
+    in each view. In the second half, that model simulates the boxes of the true
+    people, with several seeds. A tracker runs on these twins and on the real boxes.
+    The output compares scores and errors by cause. Nothing is rendered.
 
-    In a place of which there is no recording yet, --world simulates people before its
-    cameras, and before robots. Each seed has other paths, and of a world of pilsim
+    For a place without a recording, --world simulates people in view of fixed cameras
+    and robots. Each seed has other paths. Each seed of a world of pilsim also has
     another place of that kind.
 
     Examples: pilsim predict MY_RECORDING --delay 5
@@ -46,7 +46,7 @@ class Predict:
     detector_model: Annotated[str, unset("FILE|NAME", "fitted to the source")] = ""
     """Predict with this detector in place of the fitted one; all frames are used. A source without detections needs it; with --world: independent."""
     beside: Annotated[tuple[str, ...], arg(metavar="NAME", help_behavior_hint="(default: none)")] = ()
-    """Other detectors to show beside, as independent or fairmot."""
+    """Other detectors to compare with, as independent or fairmot."""
     seeds: Annotated[int, Least(1)] = 5
     """Number of twins."""
     first_seed: Annotated[int, Least(0)] = 0
@@ -62,9 +62,9 @@ class Predict:
     subject: Annotated[OmitArgPrefixes[TrackerOptions], arg(name="tracker")] = TrackerOptions()
     """These options choose the tracker."""
     scene: Annotated[OmitArgPrefixes[SceneOptions], arg(name="place")] = SceneOptions()
-    """A place in place of SOURCE, and who is in it: 10 people and no robots, for 60 frames or the end of --frames, 6 a second."""
+    """A simulated place in place of SOURCE; by default 10 people and no robots, for 60 frames (or --frames 0:END) at 6 frames a second."""
     fixed_cameras: Whole = None
-    """Number of fixed cameras in the place; 4 without robots. MJCF has its own."""
+    """Number of fixed cameras in the place; by default 4 without robots, 0 with robots. An MJCF file has its own."""
 
     def run(self) -> None:
         from sim.parallel.pool import Pool
@@ -98,7 +98,7 @@ class Predict:
             print(f"{self.out}: written; `pilsim report {self.out}` makes a page of it")
 
     def _command(self) -> str:
-        """The command line of this prediction, without what its result does not depend on."""
+        """The command line of this prediction, without options that do not affect its result."""
         return command_line(self, ("out", "json", "workers"), repeated=("detections",))
 
     def _plan(self) -> PredictionPlan:
@@ -123,7 +123,7 @@ class Predict:
         return PredictionPlan(self.source or Path(), source, self.subject.chosen(), detectors, fit, seeds, place)
 
     def _place(self) -> Preset | None:
-        """The place, its people, cameras and robots; None for a recording. Raises ValueError where it is not one of both."""
+        """The place, its people, cameras and robots; None for a recording. Raises ValueError unless exactly one of both is given."""
         from sim.datasets.presets import preset_of
 
         changes = given(self.scene) | ({} if self.fixed_cameras is None else {"views": self.fixed_cameras})

@@ -16,8 +16,8 @@ from tracker.options import Ending
 class Report:
     """Make a page of a stress test or of a prediction.
 
-    Of a stress test: what failed first, why, and bounds. Of a prediction: scores
-    and errors by cause, predicted beside real. The page is one HTML file without
+    For a stress test: what failed first, why, and bounds. For a prediction: scores
+    and errors by cause, predicted and real. The page is one HTML file without
     scripts; it needs no network. FOLDER/report, or NAME-report beside NAME.json,
     holds each plot as PNG and CSV. The command also works during a stress test.
 

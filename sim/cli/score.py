@@ -22,8 +22,8 @@ class Files:
     iou: Annotated[float | None, unset("FLOAT", "positions on the ground within 1 m")] = None
     """Match boxes by at least this intersection over union, from 0 to 1."""
     flagged: Annotated[Literal["removed", "ignored", "counted"] | None, unset("removed|ignored|counted", "removed for boxes, else ignored")] = None
-    """What truth rows flagged 0 (column 7) are: removed, so that estimates on them are
-    false, as TrackEval has it; ignored both ways; or counted like all others."""
+    """Truth rows with flag 0 (column 7) are removed, so that estimates on them are false
+    (as in TrackEval), ignored with their estimates, or counted like all others."""
 
 
 @dataclass(frozen=True)

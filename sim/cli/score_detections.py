@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 class ScoreDetections:
     """Score the boxes of a detector: AP, MODA, MODP, feet.
 
-    AP is average precision, also by the share of a body that is seen (0.1 to 0.3, 0.3
-    to 0.6, above), where truth has it, as sequences do. Boxes of `detect --boxes
-    visible` are scored against the visible parts of a sequence. Truth is a sequence of pilsim, a recording, or a MOT15
-    file. The result is what `detect` writes. True boxes of PETS 2009 are those of
-    View_001; other views and places have bodies of 1.75 x 0.5 m.
+    AP is average precision, also by the visible share of a body (0.1 to 0.3, 0.3 to
+    0.6, above) where truth has it, as in sequences. Boxes of `detect --boxes visible`
+    are scored against visible parts. Truth is a sequence of pilsim, a recording, or a
+    MOT15 file. The result is what `detect` writes. True boxes of PETS 2009 are those
+    of View_001; other views and places have bodies of 1.75 x 0.5 m.
 
     Examples: pilsim detect S2.L1 --cameras 1 --frames 0:400 --out runs/boxes
               pilsim score-detections --truth S2.L1 --result runs/boxes --plot reliability.png
@@ -36,7 +36,7 @@ class ScoreDetections:
     cameras: Annotated[str, unset("NAME,...", "all with a result")] = ""
     """Cameras to score, as C1,C3."""
     frames: Annotated[str, unset("A:B", "those that `detect` searched")] = ""
-    """Frames of the source to score, counted from 0, without B."""
+    """Frames A to B − 1 of the source to score, counted from 0."""
     min_score: float = 0.5
     """Least score of a box for MODA, MODP, precision, recall and feet."""
     min_visible: float = 0.5

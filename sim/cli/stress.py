@@ -22,12 +22,12 @@ class TrackerOptions(PeopleOptions, FilterOptions):
     """The tracker under test."""
 
     tracker: Annotated[str, unset("MODULE:FUNCTION", "pilsim's own")] = ""
-    """A tracker of your own: a function of (setup, ticks) that gives an Estimate a tick, as tracker.pipeline.track does."""
+    """A tracker of your own: a function of (setup, ticks) that yields one Estimate per tick, as tracker.pipeline.track does."""
     results: Annotated[Path | None, unset("DIR", "none")] = None
     """Tracks made elsewhere, in place of a tracker: DIR/ID/SEED.txt, as density/3/4.txt; MOT15 with x, y, z."""
 
     def chosen(self) -> TrackerUnderTest:
-        """The tracker with its changed options. Raises ValueError for one that there is not, and for options that it does not have."""
+        """The tracker with its changed options. Raises ValueError for a missing tracker, and for options that it does not have."""
         from sim.stress.tracker_under_test import TrackerUnderTest, load_tracker
         from tracker.parameter_file import read_parameters
 
@@ -58,7 +58,7 @@ class RoverOptions:
 
 @dataclass(frozen=True)
 class MachineOptions:
-    """Where and how long runs are made."""
+    """Machine and time limit of the runs."""
 
     cluster: Annotated[str | None, unset("ADDRESS", "this machine alone")] = None
     """Address of a Dask scheduler, as tcp://10.0.0.1:8786, in place of this machine; its workers must see DIR under the same path."""
@@ -71,7 +71,7 @@ class Stress:
     """Test a tracker on sweeps of one parameter each; find where it fails.
 
     A sweep is for instance more people, rougher terrain, lost views or slipping
-    wheels. DIR/results.jsonl has a line a run: scores, bounds, causes of errors, and
+    wheels. DIR/results.jsonl has a line per run: scores, bounds, causes of errors, and
     pictures of the worst moments. The same command continues an interrupted test.
     `--list` shows the sweeps; all of them start from the run robots/2. Two trackers
     that you want to compare need a folder each.
@@ -110,13 +110,13 @@ class Stress:
     recording: Annotated[Path | None, unset("DIR", "none")] = None
     """A recording with truth (as for `pilsim track`) to test in place of simulated runs: fewer boxes, false boxes, fewer cameras."""
     scene: Annotated[OmitArgPrefixes[SceneOptions], arg(name="scene")] = USUAL
-    """These options set the world and who is in it, unless the sweep sets them. Where the world is pilsun, density and placement are in ruins."""
+    """These options set world, people and robots, unless the sweep sets them. Where the world is pilsun, density and placement are in ruins."""
     boxes: Annotated[OmitArgPrefixes[BoxOptions], arg(name="detector")] = BoxOptions()
     """These options choose where the boxes of people come from."""
     subject: Annotated[OmitArgPrefixes[TrackerOptions], arg(name="tracker")] = TrackerOptions()
     """These options choose the tracker under test, for every run; a sweep of a parameter overrides it."""
     rovers: Annotated[OmitArgPrefixes[RoverOptions], arg(name="expert rover")] = RoverOptions()
-    """These options set what every simulated run starts from."""
+    """These options set the defaults of every simulated run."""
     workers: int = 1
     """Number of processes on this machine."""
     machine: Annotated[OmitArgPrefixes[MachineOptions], arg(name="expert run")] = MachineOptions()
@@ -181,14 +181,16 @@ class Stress:
             if recording.truth is None:
                 raise ValueError(f"{self.recording}: has no truth, which a stress test needs")
             return recording_cases(self.sweep, str(self.recording.resolve()), len(recording.cameras), start)
-        alone = self.pets is not None and not self.sweep
-        swept = [] if alone else cases(self.sweep, start)
+        pets = [] if self.pets is None else pets_cases(str(self.pets.resolve()), start)
+        named = [case for case in pets if case.id in self.sweep]
+        others = [name for name in self.sweep if name not in {case.id for case in named}]
+        swept = [] if pets and not others else cases(others, start)
         if not self.render:
             self._check_no_render(swept)
-        return swept + ([] if self.pets is None else pets_cases(str(self.pets.resolve()), start))
+        return swept + (named or pets)
 
     def _check_no_render(self, chosen: list[Case]) -> None:
-        """Raises ValueError for what only images show."""
+        """Raises ValueError for a sweep, a camera or an effect that needs images."""
         from sim.stress.sweeps import IMAGE_SWEEPS
 
         for case in chosen:
@@ -202,12 +204,13 @@ class Stress:
         from sim.stress.runner import Trial
 
         assert self.out is not None
-        tracker, out, made = self.subject.chosen(), self.out.resolve(), []
+        tracker, out, cases, made = self.subject.chosen(), self.out.resolve(), self._cases(), []
         for seed in range(self.first_seed, self.first_seed + self.seeds):
-            for case in self._cases():
+            for case in cases:
                 # The real sequence is the same for every seed.
                 if case.source != "pets" or seed == self.first_seed:
-                    command = replace(self, sweep=(case.id,), seeds=1, first_seed=seed, workers=1)._command()
+                    pets = self.pets if case.source in ("pets", "twin") else None
+                    command = replace(self, sweep=(case.id,), seeds=1, first_seed=seed, workers=1, pets=pets)._command()
                     model = "" if self.boxes.model is None else str(self.boxes.model.resolve())
                     made.append(Trial(case.with_seed(seed), tracker, out, self.render, self.ablation, command, self.boxes.pixels, model))
         return made

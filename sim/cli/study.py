@@ -20,12 +20,12 @@ class Study:
     false boxes. It writes cells.csv (a run a row), fig4.png (processing time and MOTA
     with their spread over repetitions) and fig4.txt (the table and its summary).
 
-    graphs: a small graph for each hypothesis beside one graph of all tracks. Searches
+    graphs: a small graph for each hypothesis, or one graph of all tracks. Searches
     start from the surviving tracks, or without them. It writes runs.csv, graphs.txt
-    and graphs.png (time, weight beside the proved optimum, MOTA).
+    and graphs.png (time, missing share of the optimal weight, MOTA).
 
-    images: tracklets of corners with the paper's L_c, δ_min and ω and with others,
-    beside none, on rendered people and on videos of PETS 2009. It writes cells.csv,
+    images: corner tracklets with the paper's L_c, δ_min and ω, with other values, and
+    none, on rendered people and on videos of PETS 2009. It writes cells.csv,
     images.png (MOTA, IDF1, switches, time), images.txt and the recordings.
 
     The same command continues a study that was interrupted.

@@ -23,7 +23,7 @@ class SourcePart:
     cameras: Annotated[str, unset("NAME,...", "all")] = ""
     """Cameras to use, as C1,C3. The number at the end of a name is enough: 1,5 are View_001 and View_005."""
     frames: Annotated[str, unset("A:B", "all")] = ""
-    """Frames to use, counted from 0, without B: 0:100 are the first hundred."""
+    """Frames A to B − 1 to use, counted from 0: 0:100 are the first hundred."""
     detections: tyro.conf.UseAppendAction[
         Annotated[tuple[str, ...], arg(metavar="NAME=FILE", help_behavior_hint="(default: those of the source; repeatable)")]
     ] = ()
@@ -32,14 +32,14 @@ class SourcePart:
 
 @dataclass(frozen=True)
 class SourceChoice(SourcePart):
-    """What of a source is read."""
+    """The data of a source that are read."""
 
     project: Annotated[str | None, unset("misses=P,edges=S", "boxes are read")] = None
     """Boxes of upright bodies (1.75 x 0.5 m) at the true places of all cameras, with this share missing and edges off by this share of the box."""
     degrade: Annotated[str, unset("drop=P,clutter=N,noise=PX", "as they are")] = ""
     """Degradation of the detections: probability of a loss, false boxes per view and frame, noise of the boxes in pixels."""
     offsets: Annotated[str, unset("auto|NAME=S,...", "clocks as they are")] = ""
-    """Offsets of the cameras' clocks, s: as C2=0.13 for pictures taken later than they say, or estimated from people whom several cameras see."""
+    """Offsets of the cameras' clocks, s: C2=0.13 for pictures taken later than their stamps say; auto estimates them from people in several views."""
     seed: int = 0
     """Seed of --degrade and --project."""
 
@@ -54,7 +54,7 @@ class SourceChoice(SourcePart):
 class Track:
     """Track people and localize the robots in a sequence.
 
-    SOURCE is told by what lies in it:
+    The files in SOURCE determine its format:
       - a sequence that pilsim wrote (manifest.json)
       - a recording of your own (recording.json, detections/CAMERA.txt)
       - WILDTRACK or MultiviewX (calibrations/, annotations_positions/)
@@ -119,7 +119,7 @@ class Track:
         options = part.options(self.extraction.images, pixels)
         sequence = open_sequence(self.source, options, checked=True)
         if pixels:
-            # The network is checked before the work, and the run names it.
+            # The network is checked before the long work, and the description of the run names it.
             model = PersonNetwork(self.model).checksum
             sequence = detected_in_images(sequence, self.model, threads)
         first = next((tick for tick in sequence.ticks if tick.views), next(iter(sequence.ticks), None))

@@ -41,7 +41,7 @@ class TrainDetector:
     rich: bool = True
     """Scenes have people in groups, people who sit, varied clothing and wet ground, too, and there are rooms with tables."""
     start: Annotated[Path | None, unset("MODEL.onnx", "random weights")] = None
-    """Model of an earlier training whose weights are the first ones; the learning rate is lower then."""
+    """Model of an earlier training that gives the initial weights; the learning rate is lower then."""
     json: bool = False
     """Print JSON alone."""
 

@@ -1,4 +1,4 @@
-"""The command `pilsim tune`: choose parameters of a tracker on a population of synthetic cases, or before your own cameras."""
+"""The command `pilsim tune`: choose parameters of a tracker on a population of synthetic cases, or for your own cameras."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
-from sim.cli.options import Out, json_text, unset
+from sim.cli.options import Out, command_line, json_text, unset
 from sim.cli.track import SourcePart
 from tracker.options import Least
 
@@ -23,9 +23,9 @@ class Tune:
 
     Synthetic cases are drawn once: rooms, halls, squares and outdoor worlds, their
     cameras and people, and detectors with errors like real ones. Trials of parameters
-    race over the cases. With SOURCE, the cases have your cameras, and the errors of
-    your detector where the recording has truth; without truth, --people is needed.
-    The best parameters are then tried on other cases, beside the default ones.
+    race: a clearly worse trial ends early. With SOURCE, the cases have your cameras, and
+    the errors of your detector where the recording has truth; else, give --people.
+    The best and the default parameters are then compared on other cases.
 
     The same command continues a search that was interrupted, and several commands in
     one folder share it. best.toml is for --parameters of track, stress and predict.
@@ -46,7 +46,7 @@ class Tune:
     space: Annotated[Path | None, unset("FILE.toml", "that of pilsim's own tracker")] = None
     """Parameters with their ranges: [NAME] with range = [LOW, HIGH] and log = true, or with choices = [...]."""
     objective: Literal["hota", "mota", "idf1", "hota-worst", "mota-worst", "idf1-worst"] = "hota"
-    """The mean of this figure over the cases is maximized; with -worst, half of it is the mean of the worst tenth."""
+    """The mean of this figure over the cases is maximized; with -worst, the average of that mean and of the mean of the worst tenth."""
     sampler: Literal["tpe", "cmaes"] = "tpe"
     """Sampler of Optuna: tree-structured Parzen estimator, or CMA-ES."""
     population: Annotated[int, Least(2)] = 200
@@ -58,7 +58,7 @@ class Tune:
     trials: Annotated[int | None, Least(1), unset("INT", "100 without --time")] = None
     """Number of trials, those of earlier runs included."""
     time: Annotated[float | None, unset("MINUTES", "no limit")] = None
-    """Time of the search, without that of drawing cases and of trying the best parameters."""
+    """Time of the search, without drawing cases and testing the best parameters."""
     people: Annotated[int | None, unset("INT", "as in the truth of SOURCE")] = None
     """Mean number of people at once before the cameras of SOURCE."""
     cases: Annotated[Path | None, unset("DIR", "in --out")] = None
@@ -82,7 +82,7 @@ class Tune:
         if isinstance(found, int):
             print(f"{self.out}: other processes work on {found} trial{'s' * (found != 1)}; the last one writes the result")
             return
-        page = write_tuning_page(plan, found)
+        page = write_tuning_page(plan, found, command_line(self, ("workers", "cluster", "json"), repeated=("detections",)))
         if self.json:
             print(json_text(found.to_dict(), indent=1))
             return
@@ -118,7 +118,7 @@ class Tune:
 
 
 def _lines(plan: SearchPlan, found: TunedResult) -> list[str]:
-    """What was found, on a few lines."""
+    """The result as a few lines."""
     from sim.tuning.tuned import gain_text
 
     worse = f"{found.early} ended early as worse, {found.failed} failed"

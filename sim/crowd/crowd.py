@@ -51,7 +51,7 @@ COLUMNS = GOAL + 1
 
 
 class BehaviorState(NamedTuple):
-    """The arrays of goals.GoalPlans, as compiled functions need them."""
+    """The arrays of goals.GoalPlans for compiled functions."""
 
     itinerary: Numbers
     group: Numbers
@@ -79,19 +79,20 @@ def update_behavior(body: Array, inputs: tuple[Array, Array, Array], goals: Arra
     """
     present = np.flatnonzero(body[:, PRESENT] > 0)
     for i in present:
-        _update_goal(body, i, (inputs[0][i], inputs[1][i]), goals, plans)
+        _update_goal(body, i, (inputs[0][i], inputs[1][i]), goals, plans, step_input.dt)
     _exit_people(body, present, goals, plans, step_input.time)
     return _enter_people(body, inputs[2], plans, step_input)
 
 
 @njit(cache=True)
-def _update_goal(out: Array, i: Number, inputs: tuple[Array, Array], goals: Array, plans: BehaviorState) -> None:
-    """Arrival, impatience and next goal of body i. Members of a group copy the first of them who is present."""
+def _update_goal(out: Array, i: Number, inputs: tuple[Array, Array], goals: Array, plans: BehaviorState, dt: float) -> None:
+    """Arrival, impatience and next goal of body i after a step of dt s. Members of a group copy the first of them who is present."""
     desired, effect = inputs
     if math.hypot(out[i, VX], out[i, VY]) >= 0.25 * desired[SPEED] + 0.05:
         out[i, STUCK] = 0.0
     elif effect[YIELDS] > 0 or effect[HEADWAY_SPEED] < 0.5 * desired[SPEED]:
-        out[i, STUCK] -= 0.75 * min(out[i, STUCK], 0.05)
+        # Whole multiples of 0.05 s, although steps of sequences differ a little from it: sequences stay the same.
+        out[i, STUCK] -= 0.75 * min(out[i, STUCK], 0.05 * max(1, round(dt / 0.05)))
     goal = int(out[i, GOAL])
     if plans.leave[i] < np.inf and goal == plans.exit[i]:
         return
@@ -130,7 +131,7 @@ def _exit_people(out: Array, present: Numbers, goals: Array, plans: BehaviorStat
 
 @njit(cache=True)
 def _enter_people(out: Array, obstacle: Array, plans: BehaviorState, step_input: StepInput) -> int:
-    """Let the next person enter if an entry is free: the own one, or that of one of the next seven. Returns how many have entered."""
+    """Let the next person enter if an entry is free: the person's own, or that of one of the next seven people. Returns how many have entered."""
     entered, at_once, m = step_input.entered, step_input.at_once, len(out)
     if at_once == 0 or entered >= m or (out[:, PRESENT] > 0).sum() >= at_once:
         return entered
@@ -235,10 +236,6 @@ class Crowd:
             self.postures.placed(body, self.plans, self.free_space, np.zeros((0, 2)) if robots is None else robots)
         return CrowdState(body, 0.0, entered)
 
-    def goal(self, state: CrowdState) -> NDArray[np.int64]:
-        """(m,): index of the current goal of each person."""
-        return state.body[:, GOAL].astype(np.int64)
-
     def step(self, state: CrowdState, obstacles: Obstacles, dt: float) -> CrowdState:
         """The state `dt` s later."""
         if not len(state.body):
@@ -258,7 +255,7 @@ class Crowd:
         return CrowdState(body, state.time + dt, entered)
 
     def constants(self) -> tuple[SteeringGrid, tuple[NDArray[np.int64], Array], BehaviorState]:
-        """What compiled steps of this crowd need, with the directions to all goals: the grid, groups with speeds, and plans."""
+        """Arguments of compiled steps of this crowd, with the directions to all goals: the grid, groups with speeds, and plans."""
         self._compute_directions(np.arange(len(self.plans.goals), dtype=np.float64))
         return self._grid, self._groups, self._behavior
 

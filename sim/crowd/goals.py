@@ -1,6 +1,6 @@
 """Plans of pedestrians: goals, pauses, groups, times and areas of entry and exit, and who sits or stands in a talking group.
 
-Sitting and talking are off by default, and are kept after each step of the crowd.
+Sitting and talking are off by default. Postures are enforced after each step of the crowd.
 A talking group walks to a goal, stands in a circle about its centre for a while, its members face each other, and walks on.
 """
 
@@ -54,10 +54,6 @@ class Postures:
         """Nobody sits or talks."""
         return Postures(np.zeros(0, np.int64), np.zeros((0, 4)), np.full(m, -1))
 
-    @property
-    def any(self) -> bool:
-        return bool(len(self.sitters) or (self.talks >= 0).any())
-
     def placed(self, body: Array, plans: GoalPlans, free_space: FreeSpace, robots: Array) -> None:
         """Seat the sitters and put talking groups into circles that are free, at the start, in place. robots: (r, 2) m."""
         self._sit(body)
@@ -78,7 +74,7 @@ class Postures:
         self._sit(body)
         for group in range(int(self.talks.max(initial=-1)) + 1):
             members = np.flatnonzero((self.talks == group) & (before[:, PAUSE] > 0) & (body[:, PRESENT] > 0) & (before[:, PRESENT] > 0))
-            # People who still brake are left to the steering.
+            # The steering moves people who are still braking.
             members = members[np.hypot(*before[members, VX : VX + 2].T) < SHUFFLE_SPEED + 0.1]
             if len(members) > 1:
                 _stand_in_circle(before, body, members, (free_space, obstacles), dt)
@@ -193,7 +189,7 @@ class GoalPlans:
 
     speed: (m,) m/s on level ground. goals: (g, 2) m. itinerary: (m, k) indices of goals, repeated cyclically. pauses: (m, k) s at these goals.
     group: (m,) index of the first person of the group, who leads it; at most the person's own index.
-    entry: (m, 2) m. exit: (m,) index of the goal through which one leaves. leave: (m,) s, time of leaving, inf for never.
+    entry: (m, 2) m. exit: (m,) index of the goal through which a person leaves. leave: (m,) s, time of leaving, inf for never.
     at_once: how many people are present at once; 0 for all.
     """
 

@@ -123,7 +123,7 @@ class Replay:
         return CrowdState(moved, time, state.entered)
 
     def _moved(self, body: Array, time: float) -> CrowdState:
-        """Everybody at the position for `time` s. New people face their first direction of motion."""
+        """All people at their positions at `time` s. New people face their first direction of motion."""
         present = body[:, PRESENT] > 0
         body[:, PRESENT] = body[:, VX] = body[:, VX + 1] = body[:, GOAL] = 0.0
         for walk in self._walks:
@@ -148,13 +148,13 @@ class Replay:
 
 
 def _smoothed(place: Array, times: Array) -> Array:
-    """Smoothed positions (n, 2) m. One parabola fits a path that is shorter than WINDOW; four frames or fewer stay as they are."""
+    """Smoothed positions (n, 2) m. One parabola fits a path that is shorter than WINDOW. Fits to fewer than five frames are omitted."""
     n = len(place)
     step = times[1] - times[0] if len(times) > 1 else 1.0
     window = min(2 * round(WINDOW / step / 2) + 1, n - 1 + n % 2)
     if window < 4:
         return place
-    # This takes a second, which other crowds need not wait for.
+    # This import takes a second, which crowds without replay are spared.
     from scipy.signal import savgol_filter
 
     return np.asarray(savgol_filter(place, window, 2, axis=0))

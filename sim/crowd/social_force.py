@@ -3,7 +3,7 @@
 The social force and its constants are those of Moussaïd et al. (2009), Experimental study of the behavioural mechanisms underlying
 self-organization in human crowds, Proc. R. Soc. B 276. The speed behind another person follows the headway law of Tordeux, Chraibi and
 Seyfried (2016), Collision-free speed model for pedestrian dynamics, eq. 2: speed = (distance − length) / time gap.
-Kernels that call each other stand in one file.
+Kernels that call each other are in one file.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ BOTTLENECK_AHEAD, BOTTLENECK_HALF_WIDTH = 0.7, 0.4
 GROUP_DISTANCE = 0.8
 """m: distance to the centre of the rest of the group beyond which a person waits or hurries."""
 CLEARANCE_MAP, AWAY_X_MAP, AWAY_Y_MAP, HEIGHT_MAP = np.arange(4)
-"""Numbers of a grid's maps. They are NumPy's, since numba compiles a function anew for each literal that it is called with."""
+"""Numbers of a grid's maps. They are NumPy integers, since numba compiles a function anew for each literal argument."""
 _WALL_PUSH, _WALL_RANGE = 3.0, 0.1
 _CLEAR = 0.02
 _FASTEST = 2.5
@@ -101,7 +101,7 @@ def _neighbours(body: Array, present: Numbers, reach: float) -> Pairs:
 def _pairs(body: Array, order: Numbers, first: Numbers, grid: tuple[int, float]) -> Pairs:
     """Pairs of `_neighbours`. Cell c holds the people order[first[c] : first[c + 1]]; grid: cells in a row, reach m."""
     width, reach = grid
-    # Neighbouring cells in a row are one run of `order`: the rest of this cell with the next one, and the three cells of the next row.
+    # Neighbouring cells in a row are one run of `order`: this cell's rest with the next cell, and three cells of the next row.
     # Indices of 4 bytes keep the memory small that each step allocates.
     out, count = np.empty((max(16 * len(order), 64), 2), np.int32), 0
     for c in range(width, len(first) - 2 - width):
@@ -298,7 +298,7 @@ def desired_motion(body: Array, grid: SteeringGrid, groups: tuple[Numbers, Array
             continue
         ex, ey = _goal_direction(grid, int(body[i, GOAL]), x, y)
         ex, ey, pace = _group_cohesion(body, i, group, (ex, ey))
-        # Tobler (1993): the speed is proportional to exp(−3.5 |slope + 0.05|); here with the slope of the next stride, and 1 on the level.
+        # Tobler (1993): the speed is proportional to exp(−3.5 |slope + 0.05|); here with the slope of the next stride, and 1 on level ground.
         rise = _map_value(grid, x + 0.5 * ex, y + 0.5 * ey, HEIGHT_MAP) - _map_value(grid, x - 0.2 * ex, y - 0.2 * ey, HEIGHT_MAP)
         slope = max(math.exp(-3.5 * (abs(rise / 0.7 + 0.05) - 0.05)), 0.3)
         desired[i, DIRECTION_X], desired[i, DIRECTION_Y], desired[i, SPEED] = ex, ey, speed[i] * slope * pace

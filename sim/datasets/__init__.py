@@ -1,4 +1,4 @@
-"""Datasets of many sequences: presets, fixed cameras, resumable generation, and the twin of PETS 2009.
+"""Datasets of many sequences: presets, fixed cameras, resumable generation, and twins of recordings.
 
 Read `generation.py` first."""
 

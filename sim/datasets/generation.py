@@ -170,7 +170,7 @@ def generate(plan: Plan) -> int:
 
 
 def _make(plan: Plan, tasks: list[SequenceTask], missing: list[SequenceTask], new: bool) -> None:
-    """Make the missing sequences of all tasks. new: whether the dataset is."""
+    """Make the missing sequences of all tasks. new: whether the dataset is new."""
     resumable = False
     try:
         with _progress(tasks):
@@ -191,7 +191,7 @@ def _check_free(plan: Plan) -> None:
     """Raises ValueError where `out` holds other files than this dataset, or more sequences of it than the plan has."""
     if holds_run(plan.out, FILE, (".*",)):
         existing, planned = read_dataset(plan.out), plan.dataset
-        # A scenario names optional sensors only where it has them: a missing one counts as None, so that it differs from one that is there.
+        # A scenario omits optional fields that are off: a missing field counts as None, so that it differs from a given one.
         absent = dict.fromkeys(OPTIONAL)
         flat = [absent | {"preset": d.preset, "views": d.views} | d.form | d.scenario for d in (existing, planned)]
         check_same(plan.out, flat[0], flat[1], "another dataset")
@@ -202,7 +202,7 @@ def _check_free(plan: Plan) -> None:
 def _run(plan: Plan, tasks: list[SequenceTask]) -> None:
     """Run the tasks in other processes, on this machine or on the cluster.
 
-    Workers without a sequence of their own draw for the others: on the cluster, sequences are then simulated here and drawn there by parts.
+    Workers without a sequence of their own draw for the others. Sequences are then simulated on this machine, and a cluster draws parts of them.
     """
     pool = plan.pool
     if plan.cluster is None:

@@ -41,7 +41,7 @@ class Preset:
 
     scenario: of the first sequence; the following ones have the following seeds. views: number of fixed cameras.
     ground: size along x and y of the area of people and rovers (m), or None for the whole world.
-    corners: whether the fixed cameras stand in the corners of the free space; otherwise they are placed by what they see.
+    corners: whether the fixed cameras stand in the corners of the free space; otherwise place_cameras places them.
     """
 
     scenario: Scenario

@@ -35,7 +35,7 @@ README = """# A recording without images, by pilsim
 
 @dataclass(frozen=True)
 class _RobotTables:
-    """What a recording has of robots, by frame: robot → odometry and true pose; camera → the robots that it sees."""
+    """Data of robots in a recording, by frame: robot → odometry and true pose; camera → the robots that it sees."""
 
     motion: dict[str, dict[int, Odometry]] = field(default_factory=lambda: defaultdict(dict))
     poses: dict[str, dict[int, Pose]] = field(default_factory=lambda: defaultdict(dict))
@@ -59,7 +59,7 @@ class _RobotTables:
 
 
 def write_raycast_recording(made: SimulatedSequence, folder: Path, area: Array | None = None) -> None:
-    """Write what fixed cameras and robots see, by ray casting, and the truth. Robots have odometry and each other, and no landmarks.
+    """Write boxes of fixed cameras and robots, by ray casting, and the truth. Robots have odometry and sightings of each other, but no landmarks.
 
     area (2, 2): lowest and highest x, y, m, in which people are reported, or None.
     """

@@ -1,9 +1,9 @@
-"""The twin of a recording with truth: its people walk their true paths before the models of its fixed cameras.
+"""The twin of a recording with truth: its people walk their true paths in view of models of its fixed cameras.
 
 The source is a recording, a sequence of pilsim, or PETS 2009. Paths of PETS 2009 are the annotated feet, projected from View_001 to z = 0.
 Statures are the heights of the upper edges of the boxes above these.
 The world is a hall whose extent follows from paths and cameras: a room where all of them lie close together, otherwise a square.
-A sequence of pilsim has its own world again, and PETS 2009 the world `campus`, with rovers beside its cameras.
+A sequence of pilsim keeps its own world. PETS 2009 has the world `campus`, with rovers beside its cameras.
 It is rendered as a sequence with a picture beside the source, or without images as a recording.
 """
 
@@ -57,15 +57,15 @@ PETS = "pets2009"
 PETS_WORLD, ANNOTATED = "campus", "View_001"
 """The world of a twin of PETS 2009, and the view in whose image the annotations were made."""
 PETS_ROVERS = 2
-"""Number of rovers beside the cameras of PETS 2009, where it is not said."""
+"""Number of rovers beside the cameras of PETS 2009, where none is given."""
 MOST_RELIEF = 0.5
-"""m: people may be so far above or below the level floor of the twin."""
+"""m: largest distance of people above or below the level floor of the twin."""
 PATH_MARGIN, CAMERA_MARGIN = 0.6, 0.15
-"""m: walls are at least so far from all paths and cameras."""
+"""m: least distances of walls from paths and from cameras."""
 LONGEST_ROOM = 20.0
-"""m: a longer extent is a square."""
+"""m: longest side of a room; a longer extent is a square."""
 ABOVE_CAMERAS = 0.4
-"""m: walls end so far above the highest camera."""
+"""m: height of the walls above the highest camera."""
 ROVER_MARGIN = 4.0
 """Margin around the area of the paths within which rovers stay, m."""
 LARGEST_ID = (1 << 16) - 1
@@ -101,7 +101,7 @@ class Twin:
 
 @dataclass(frozen=True, eq=False)
 class TrueMotion:
-    """What a twin takes from a source.
+    """The data of a source that a twin uses.
 
     cameras: name → fixed camera. rate: frames per second. ids (m,): of the source. position (m, frames, 2) m, NaN where a person is absent.
     level: z of the floor, m. area (2, 2): where people are reported, m, or None. origin: of the twin, in its provenance.
@@ -325,7 +325,7 @@ def confine_rovers(world: World, position: Array) -> World:
 
 
 def annotated_overlaps(motion: TrueMotion, boxes: dict[tuple[int, str], Boxes]) -> Array:
-    """Intersection over union (n,) of each annotated box with the same person's box in the twin, of all of which there are `boxes`.
+    """Intersection over union (n,) of each annotated box with the same person's box in the twin. boxes: of the twin.
 
     Both boxes are of the whole body, clipped to the image. Annotated people who are absent from the twin count 0.
     """

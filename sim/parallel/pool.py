@@ -88,7 +88,7 @@ class Pool:
 
     @contextmanager
     def executor(self, threads: bool = False) -> Iterator[tuple[Executor, int]]:
-        """An executor, and the number of calls in progress at once: two a thread of a cluster."""
+        """An executor, and the number of calls in progress at once: two per thread of a cluster."""
         if self.cluster is not None:
             with cluster(self.cluster) as (client, number):
                 yield client.get_executor(pure=False), 2 * number
@@ -101,7 +101,7 @@ class Pool:
 
 
 def ended(executor: Executor, most: int, function: Callable[..., Any], calls: Iterable[tuple[Any, ...]]) -> Iterator[tuple[int, Any]]:
-    """Number and result of each call, as they end. At most so many are in progress: a queue would outlive a main process that was killed."""
+    """Number and result of each call, as they end. At most `most` are in progress: queued calls would outlive a killed main process."""
     pending: dict[Future[Any], int] = {}
     for number, call in enumerate(calls):
         pending[executor.submit(function, *call)] = number
@@ -124,9 +124,9 @@ def processes(workers: int, module: str = __name__) -> Iterator[Executor]:
     """
     from joblib.externals.loky.process_executor import ProcessPoolExecutor
 
-    # A worker of Dask is a daemon, which multiprocessing lets start no process.
+    # A Dask worker is a daemon, which multiprocessing forbids to start processes.
     multiprocessing.current_process().daemon = False
-    # A process whose memory has grown is replaced, which loses nothing and is no news for users.
+    # A process whose memory has grown is replaced. No work is lost, so users need no warning.
     warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
     executor = ProcessPoolExecutor(workers, initializer=_begin, initargs=(os.getpid(), module), env=dict.fromkeys(ONE_THREAD, "1"))
     try:
@@ -167,7 +167,7 @@ def _exit_with_parent(parent: int) -> None:
 
 @contextmanager
 def losses() -> Iterator[None]:
-    """Lost processes and clusters are WorkerLost during this context."""
+    """Raise WorkerLost for processes and clusters that are lost during this context."""
     from joblib.externals.loky.process_executor import TerminatedWorkerError
 
     try:
@@ -215,7 +215,7 @@ def cluster(address: str) -> Iterator[tuple[Client, int]]:
 
 @contextmanager
 def drawing_alone() -> Iterator[None]:
-    """For drawing in a worker of a cluster, which may have several threads: a process has one watchdog and one OpenGL context.
+    """Exclusive drawing in a worker of a cluster, which may have several threads: a process has one watchdog and one OpenGL context.
 
     Raises ValueError where the linear algebra of this process has several threads.
     """

@@ -152,7 +152,7 @@ def _hair(o: Outfit) -> list[Part]:
     """Hair, a cap or a knitted hat. The hairline is higher in front than at the nape."""
     strands = region(o.head, HAIR)
     if o.hair == "hood":
-        # The face looks out in front of the hood, which is farther back.
+        # The hood lies farther back than the face, so that the face stays visible.
         hood = sections(
             (-0.03, 0.052, 0.066, -0.012), (0.02, 0.050, 0.054, -0.014), (0.06, 0.056, 0.056, -0.018), (0.11, 0.061, 0.058, -0.019),
             (0.155, 0.060, 0.054, -0.014), (0.180, 0.048, 0.043, -0.010), (0.195, 0.022, 0.020, -0.008), (0.198, 0.004, 0.004, -0.008),

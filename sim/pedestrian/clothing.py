@@ -53,9 +53,9 @@ def add_collider(spec: mujoco.MjSpec, name: str, stature: float) -> None:
 
 
 def compile_posed(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """The model of a scene with people that is posed and drawn, never stepped: without contacts.
+    """The model of a scene with people that is posed and drawn, but never stepped: without contacts.
 
-    Their search takes memory with the square of the number of limbs, which from some 220 people on is more than MuJoCo reserves.
+    The memory of the contact search grows with the square of the number of limbs. From about 220 people on it exceeds MuJoCo's reserve.
     """
     model = spec.compile()
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)

@@ -37,7 +37,7 @@ PLAIN = Palette(
     ),
     legs=((38, 48, 86), (30, 30, 32), (88, 88, 92), (146, 124, 92), (66, 74, 56), (78, 104, 150), (106, 72, 48), (170, 160, 140)),
 )  # fmt: skip
-"""Many bright colours: people are told apart easily."""
+"""Many bright colours, by which people are easy to distinguish."""
 
 _DARK = ((24, 24, 27), (30, 30, 34), (38, 38, 42), (26, 30, 44), (32, 38, 58), (44, 40, 38), (52, 44, 36), (46, 50, 44), (58, 58, 62), (40, 28, 34))
 _MUTED = ((92, 94, 98), (128, 130, 132), (156, 150, 140), (96, 92, 72), (110, 84, 62), (72, 92, 122))
@@ -50,8 +50,8 @@ VARIED = Palette(
     cloths=(*_DARK, *_MUTED, (232, 230, 226), (206, 204, 198), (150, 40, 42), (36, 78, 150), (206, 176, 66), (60, 116, 84)),
     legs=(*_DARK, (50, 60, 92), (70, 88, 122), (108, 108, 110), (150, 138, 116)),
 )  # fmt: skip
-"""What streets show. Skins: the ten tones of Monk (2019), The Monk Skin Tone Scale, alike frequent. They are multiplied by (0.93, 0.84, 0.80),
-since a swatch is what a picture shows, while a texture is lit. Upper garments: 10 of 22 dark, 6 muted,
+"""Colours as in streets. Skins: the ten tones of Monk (2019), The Monk Skin Tone Scale, equally frequent. They are multiplied by
+(0.93, 0.84, 0.80), since a swatch is a colour in a picture, while a texture is lit. Upper garments: 10 of 22 dark, 6 muted,
 2 light, 4 bright. Trousers and skirts: 10 of 14 dark, 2 of denim, 2 light. The shares are chosen, not measured."""
 
 

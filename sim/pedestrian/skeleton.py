@@ -183,7 +183,7 @@ class SittingManner:
 
 
 def sitting_poses(stature: Array, seat: Array, ground: Terrain, manner: SittingManner | None = None) -> Poses:
-    """Poses of m people of stature (m,) m on seats (m, 4): x, y and height m of the seat, and heading rad. manner: the usual one without it."""
+    """Poses of m people of stature (m,) m on seats (m, 4): x, y and height m of the seat, and heading rad. manner: None for SittingManner.usual."""
     size, heading, manner = trunk_size(stature), seat[:, 3], manner or SittingManner.usual(len(stature))
     none = np.zeros_like(heading)
     facing = rotation_matrices(heading, none, none)

@@ -27,7 +27,7 @@ FRAMES_PER_DECISION = 3
 """Sensor frames per decision: 6 per second, as in recorded sequences."""
 
 DRIVING_STEPS = 2
-"""Steps of kinematic rovers per sensor frame. People take one, of 1/6 s: their speeds and gaps are those of steps of 1/24 s, within 5 %."""
+"""Steps of kinematic rovers per sensor frame. People take one step of 1/6 s; their speeds and gaps agree with those of 1/24 s within 5 %."""
 
 DENSITIES: dict[str, dict[str, Any]] = {
     "pilsun": {"world": "pilsun", "people": 10, "robots": 4},
@@ -67,8 +67,8 @@ class PlacementConfig:
     * action: velocity (forward speed and yaw rate) or waypoint (a point on the map).
     * reach (m) and smallest (°): people farther away, or of a smaller apparent height, are not seen. camera_height: m above the ground.
     * cells, cell (m): the local map of a robot has cells × cells of that size. width: px of the panoramas of "pixels".
-    * misses, clutter, detector_model: the detector, as in Scenario. parameters: of the tracker of people of "tracks", paths with values.
-      delay: frames by which the tracks that are scored are late. Policies know what the tracker knows at once.
+    * misses, clutter, detector_model: the detector, as in Scenario. parameters: of the people tracker of "tracks", pairs of path and value.
+      delay: frames by which the scored tracks are late. Policies get the tracker's current tracks, without delay.
     * panorama: index of the robot whose panorama `render` shows, or None for a plan view.
     """
 
@@ -106,6 +106,8 @@ class PlacementConfig:
         model_of(self.detector_model)
         if self.parameters and self.observation != "tracks":
             raise ValueError(f"parameters are of the observation tracks, and observation is {self.observation!r}")
+        # Configurations are keys of caches, so mappings and lists of pairs become tuples.
+        object.__setattr__(self, "parameters", tuple(dict(self.parameters).items()))
         with_fields(MhtParameters(), dict(self.parameters))
         if self.map_seed is not None:
             bounded("map_seed", self.map_seed, (0, 2**31), whole=True)

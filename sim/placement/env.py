@@ -41,8 +41,8 @@ class Placement(gymnasium.Env[Observation, Array]):
     Actions: Box (robots, 2) in [−1, 1]. A velocity action is the forward speed and the yaw rate (positive to the left), each divided by its
     maximum. A waypoint action is a point, east and north over the extent of the world. The robot drives to the nearest node of the roadmap.
 
-    An episode terminates when all robots have tipped over. The TimeLimit of the registration truncates it.
-    With a map_seed, the map is built here, so that environments in forked processes share its memory.
+    An episode terminates when all robots have tipped over. gymnasium's TimeLimit truncates it.
+    With a map_seed, the constructor builds the map, so that environments in forked processes share its memory.
     Raises ValueError, with name, value and bound, for invalid options, and gymnasium's own errors.
     """
 
@@ -58,7 +58,7 @@ class Placement(gymnasium.Env[Observation, Array]):
         self.episode: Episode | None = None
         self._key = Episode.key(self.config, 0)
         if self.config.map_seed is not None:
-            # Gymnasium makes one environment before it forks the processes of make_vec: their map is in the memory that they share.
+            # Gymnasium makes one environment before it forks the processes of make_vec, which then share the memory of this map.
             map_of(self._key)
         self._camera_views = CameraViews(self.config)
 
@@ -119,7 +119,7 @@ class Placement(gymnasium.Env[Observation, Array]):
 
 
 class CameraViews:
-    """Renders the panoramas of robots: they and people are bodies in the scene of the map. The scene of a map is compiled at its first panorama.
+    """Renders the panoramas of robots. Robots and people are bodies in the scene of the map, which is compiled at the first panorama.
 
     `close` frees the OpenGL resources. They are never copied or pickled.
     """

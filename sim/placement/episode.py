@@ -49,7 +49,7 @@ GOSPA_CUTOFF = 2.0
 WEIGHTS: dict[str, float] = {"information": 0.2, "collisions": -0.05, "near_misses": -0.05, "tip_overs": -5.0, "energy": -0.02}
 """Default weights. A person who is seen well has about 5 nats."""
 GOSPA = "gospa"
-"""A term that rewards may have too, and that is computed for them alone: GOSPA of tracks or beliefs over that of an empty estimate."""
+"""A further term, computed only for rewards that use it: GOSPA of tracks or beliefs over that of an empty estimate."""
 
 Reward = Mapping[str, float] | Callable[[Mapping[str, float]], float]
 """Weights by term (0 for a missing term), or a function of all terms."""
@@ -77,7 +77,7 @@ class Episode:
     """An episode, whose state between decisions is row `row` of `states`. `begin` makes an episode and `step` advances it.
 
     goals (r,): goal nodes of the roadmap, for waypoint actions. terms: of the last decision.
-    decided: s that a policy took for the last decision, where somebody measures it.
+    decided: processor time of the policy for the last decision, s, where it is measured.
     """
 
     config: PlacementConfig
@@ -111,7 +111,7 @@ class Episode:
         return episode
 
     def move_to(self, states: States, row: int) -> None:
-        """Keep the state in a row of other states from now on."""
+        """Move the state into row `row` of `states`, where it stays from now on."""
         states.copy_row(row, self.states, self.row)
         self.states, self.row = self.mover.states, self.mover.row = states, row
 
@@ -129,7 +129,7 @@ class Episode:
 
     @property
     def beliefs(self) -> Beliefs:
-        """What the team believes of people whose identities are known. The arrays change with the next decision."""
+        """The team's beliefs about people whose identities are known. The arrays change with the next decision."""
         return Beliefs(self.states.known[self.row], self.states.mean[self.row], self.states.covariance[self.row])
 
     @property
@@ -153,7 +153,7 @@ class Episode:
     def relative_gospa(self) -> float:
         """GOSPA (c = 2 m, p = 2) of `estimates` over that of an empty estimate: 0 is perfect, 1 is no better than the empty estimate."""
         truth = self.now.people[:, :2]
-        # Without true people it is divided by that of one false person.
+        # Without true people, the divisor is the GOSPA of one false estimate.
         return gospa(truth, self.estimates()[0]) / (GOSPA_CUTOFF * float(np.sqrt(max(len(truth), 1) / 2)))
 
     @staticmethod
@@ -163,9 +163,9 @@ class Episode:
 
 
 def decide(episodes: Sequence[Episode], actions: Array) -> None:
-    """Advance episodes of one map and one configuration, rows of the same states, by a decision with actions (n, r, 2) in [−1, 1].
+    """Advance episodes of one map and configuration that share their States by one decision with actions (n, r, 2) in [−1, 1].
 
-    Terms are then in states.terms. Robots of kinematic episodes without a tracker move in one call of a kernel.
+    The terms are written to states.terms. One kernel call moves the robots of kinematic episodes without a tracker.
     """
     first, rows = episodes[0], _rows(episodes)
     states, order = first.states, Order(actions * np.array([TOP_SPEED, TOP_YAW_RATE]), np.zeros((len(rows), 0), dtype=np.int64))
@@ -211,7 +211,7 @@ def detector_row(config: PlacementConfig) -> Array:
 
 @njit(cache=True, nogil=True)
 def _sense_rows(rows, states, place, settings, step):  # type: ignore[no-untyped-def]
-    """`_sense` of the episodes `rows` (n,) of one map, in place.
+    """`_sense` as a kernel, for the episodes `rows` (n,) of one map, in place.
 
     place: scene, stature (p,). settings: detector, limits of views, least share that counts as seen, camera height. step: time s, frames.
     """

@@ -1,11 +1,11 @@
-"""Expected information about people on the ground, what a team believes of them, and the state of many episodes between decisions.
+"""Expected information about people on the ground, a team's beliefs about them, and the state of many episodes between decisions.
 
-A detector finds a person with a probability that falls with distance and with what is hidden. A box measures azimuth and elevation of the feet,
-and the ground gives the distance. An unknown detection multiplies the Fisher information of a view by its probability
+A detector finds a person with a probability that falls with distance and occlusion. A box measures azimuth and elevation of the feet,
+and the ground gives the distance. The Fisher information of a view is multiplied by the probability of detection
 (information reduction factor: Niu, Willett and Bar-Shalom 2001, Matrix CRLB scaling due to measurements of uncertain origin).
-The bound of each person is the posterior Cramér-Rao recursion with it (Tichavský, Muravchik and Nehorai 1998).
+The bound of each person follows the posterior Cramér-Rao recursion with this information (Tichavský, Muravchik and Nehorai 1998).
 People move with nearly constant velocity (Bar-Shalom, Li and Kirubarajan 2001, section 6.2.2).
-Poses of robots have a bound of their own, by odometry and landmarks, and a view passes its errors on.
+Robot poses have bounds of their own, from odometry and landmarks, which add to the covariance of a view.
 
 States are arrays that compiled kernels change in place. Row n is episode n; a single environment has one row, and a batch shares the arrays.
 Beliefs are Kalman filters of people whose identities are known: one filter of planar position and velocity per person.
@@ -50,20 +50,20 @@ VELOCITY_SIGMA = 1.2
 LOST_SIGMA = 4.0
 """Standard deviation of the position beyond which a person counts as unknown, m."""
 POSITION_SIGMA = 0.08
-"""Standard deviation of feet about the ground point that a box shows, per axis: rough ground, strides, m."""
+"""Standard deviation per axis of the feet from the ground point of a box, due to rough ground and strides, m."""
 START_SIGMA = (0.01, 0.005)
-"""Standard deviations of the start of a robot: per axis (m) and of its heading (rad)."""
+"""Standard deviations of the start pose of a robot: per axis (m) and of its heading (rad)."""
 SLIP = 0.02
-"""Standard deviation of the distance that wheels measure, over the distance."""
+"""Relative standard deviation of the distance that wheels measure."""
 LANDMARK_SIGMA = 0.05
 """Standard deviation of a landmark in the map of a team, m."""
 CORRELATION_CAP = 0.95
-"""Largest correlation of errors from frame to frame that is counted."""
+"""Upper limit of the correlation of errors from frame to frame."""
 CONSTANT, HIDDEN, MOSTLY_HIDDEN, SIZE, LOW, HIGH, MISSES, LEAST_SHARE, ACROSS, UP, EDGE = range(11)
-"""Columns of a detector.
+"""Columns of the parameters of a detector.
 
-They are coefficients of the logarithmic odds of a miss, bounds of log2 of apparent height over π, least share of misses, and least visible share.
-ACROSS and UP are standard deviations of the middle and the lower edge, in apparent heights. EDGE is that of an edge, rad.
+They are coefficients of the log odds of a miss, bounds of log2 (apparent height / π), least miss rate, and least visible share.
+ACROSS and UP are standard deviations of the middle and of the lower edge of a box, in apparent heights. EDGE is that of an edge, rad.
 """
 
 
@@ -71,13 +71,13 @@ class States(NamedTuple):
     """n episodes of r robots among p people.
 
     team, before (n, r, 7): rovers now and at the last decision, in the columns of config.py. body (n, p, 10): people, as in social_force.py.
-    time (n,) s. known (n, p), mean (n, p, 4), covariance (n, p, 4, 4): beliefs. bounds (n, p, 4, 4), robot_bounds (n, r, 3, 3): information.py.
+    time (n,) s. known (n, p), mean (n, p, 4), covariance (n, p, 4, 4): beliefs. bounds (n, p, 4, 4), robot_bounds (n, r, 3, 3): Cramér-Rao.
     time_unseen (n, p): since each person was last seen, s. people (n, p, 4): feet x, y, z m and stature m. cameras (n, r, 3): positions, m.
     seen (n, r, p): shares of bodies seen. stopped (n, r): what stopped a robot in the last decision, as in movers.drive_step.
-    tipped, tipping (n, r): whether a robot had tipped over when it last looked, and has now.
+    tipped, tipping (n, r): whether a robot had tipped over at the last observation, and has tipped over now.
     added (n, r): what each robot adds to the information about a person, nats. terms (n, 7): of the last decision, in the columns of TERMS.
     noise (n, r, p, 2), luck (n, r, p): random numbers of the next views, normal and uniform.
-    trail (n, TRAIL_LENGTH, r, 2): places after the last decisions, m, in turn. decisions (n,): their number.
+    trail (n, TRAIL_LENGTH, r, 2): ring buffer of positions after the last decisions, m. decisions (n,): number of decisions so far.
     """
 
     team: Array
@@ -105,7 +105,7 @@ class States(NamedTuple):
 
     @staticmethod
     def begun(config: PlacementConfig, count: int, columns: int) -> States:
-        """The arrays of `count` episodes before their first look. columns: of a body."""
+        """The arrays of `count` episodes before their first observation. columns: number of columns of a body."""
         n, r, p = count, config.robots, config.people
         shapes = {"team": (n, r, 7), "before": (n, r, 7), "body": (n, p, columns), "time": (n,), "known": (n, p), "mean": (n, p, 4)}
         shapes |= {"covariance": (n, p, 4, 4), "time_unseen": (n, p), "people": (n, p, 4), "cameras": (n, r, 3), "seen": (n, r, p), "added": (n, r)}
@@ -117,7 +117,7 @@ class States(NamedTuple):
         return States(**arrays, bounds=bounds, robot_bounds=robots, decisions=np.zeros(n, dtype=np.int64))
 
     def copy_row(self, row: int, source: States, source_row: int) -> None:
-        """Take an episode of other states."""
+        """Copy row `source_row` of other states into row `row`."""
         for mine, other in zip(self, source, strict=True):
             mine[row] = other[source_row]
 
@@ -134,11 +134,11 @@ class Beliefs(NamedTuple):
         return Beliefs(np.zeros(people), np.zeros((people, 4)), np.zeros((people, 4, 4)))
 
     def predicted(self, dt: float) -> Beliefs:
-        """The estimates `dt` s later. People of a standard deviation above LOST_SIGMA become unknown."""
+        """The estimates `dt` s later. People whose position has a standard deviation above LOST_SIGMA become unknown."""
         return Beliefs(*predict(*self, dt))
 
     def observed(self, views: Views, rng: np.random.Generator) -> Beliefs:
-        """The estimates after a frame of simulated measurements of views."""
+        """The estimates after one frame of simulated measurements from views."""
         noise, luck = rng.normal(size=(*views.share.shape, 2)), rng.random(views.share.shape)
         return Beliefs(*update(*self, views, (noise, luck)))
 
@@ -160,7 +160,7 @@ def predict(known, mean, covariance, dt):  # type: ignore[no-untyped-def]
             P[p, k, k + 2] += ACCELERATION_DENSITY * dt**2 / 2
             P[p, k + 2, k] += ACCELERATION_DENSITY * dt**2 / 2
             P[p, k + 2, k + 2] += ACCELERATION_DENSITY * dt
-        # An unmeasured velocity decays, and its variance stays bounded: people do not run away.
+        # An unmeasured velocity decays, and its variance is bounded, since people change direction after some seconds.
         decay = math.exp(-dt / 6.0)
         variance = max(P[p, 2, 2], P[p, 3, 3])
         if variance > VELOCITY_SIGMA**2:
@@ -220,9 +220,9 @@ def _correct(mean, P, measured, noise):  # type: ignore[no-untyped-def]
 
 
 class Views(NamedTuple):
-    """What r robots see of p people.
+    """Views of p people by r robots.
 
-    detector (11,): columns above. robots (r, 3, 3): bounds of poses. share (r, p): of each body that is visible; 0 beyond the limits.
+    detector (11,): columns above. robots (r, 3, 3): bounds of poses. share (r, p): visible share of each body; 0 beyond the limits.
     cameras (r, 3): x, y and height above the ground, m. people (p, 4): feet x, y, z and stature, m.
     """
 
@@ -234,9 +234,9 @@ class Views(NamedTuple):
 
 
 def detector_of(model: Model, period: float) -> Array:
-    """A detector model as kernels take it (11,), in the columns above. period: of its frames, s.
+    """The parameters (11,) of a detector model for kernels, in the columns above. period: between frames, s.
 
-    Errors of a fitted model persist. Their variance is that of independent errors with the same mean over many frames.
+    Errors of a fitted model persist. The variance is that of independent errors whose mean over many frames is equally uncertain.
     """
     out = np.zeros(11)
     if isinstance(model, IndependentErrors):
@@ -266,7 +266,7 @@ def started_robots(count: int) -> Array:
 
 @njit(cache=True)
 def detection_probability(detector, share, away):  # type: ignore[no-untyped-def]
-    """Probability that a box of a person is found. share: of the body that is visible. away: horizontal distance, camera height, stature, m."""
+    """Probability that a person is detected. share: visible share of the body. away: horizontal distance, camera height, stature, m."""
     if share < detector[LEAST_SHARE]:
         return 0.0
     hidden = 1.0 - share
@@ -283,9 +283,9 @@ def _apparent_height(away):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def view_covariance(detector, robot, away, direction, share):  # type: ignore[no-untyped-def]
-    """Covariance (xx, xy, yy) m² of the place that a box gives.
+    """Covariance (xx, xy, yy) m² of the position that a box measures.
 
-    robot (3, 3): of the pose. away: horizontal distance, camera height, stature, m. direction: unit vector to the person. share: of the body seen.
+    robot (3, 3): pose covariance. away: horizontal distance, camera height, stature, m. direction: unit vector to the person. share: visible share.
     """
     r, height = max(away[0], 0.3), max(away[1], 0.2)
     apparent = _apparent_height(away)
@@ -294,7 +294,7 @@ def view_covariance(detector, robot, away, direction, share):  # type: ignore[no
     radial = up * ((r * r + height * height) / height) ** 2 + POSITION_SIGMA**2
     tangential = across * r * r + POSITION_SIGMA**2
     c, s = direction
-    # A turn of the robot by ψ moves the place by ψ r across.
+    # A heading error ψ moves the measured position by ψ r tangentially.
     tx, ty = -s * r, c * r
     xx = radial * c * c + tangential * s * s + robot[0, 0] + 2 * tx * robot[0, 2] + tx * tx * robot[2, 2]
     yy = radial * s * s + tangential * c * c + robot[1, 1] + 2 * ty * robot[1, 2] + ty * ty * robot[2, 2]
@@ -346,7 +346,7 @@ def update_person(P, J):  # type: ignore[no-untyped-def]
     rows = P[:2, :].copy()
     for i in range(4):
         u, v = rows[0, i] * m00 + rows[1, i] * m01, rows[0, i] * m01 + rows[1, i] * m11
-        # Both halves are the same numbers: errors of rounding that differ would grow from step to step.
+        # Both triangles get the same numbers: asymmetric rounding errors would grow from step to step.
         for j in range(i + 1):
             P[i, j] -= u * rows[0, j] + v * rows[1, j]
             P[j, i] = P[i, j]
@@ -354,9 +354,9 @@ def update_person(P, J):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def nats(P):  # type: ignore[no-untyped-def]
-    """Information about the position of a person of bound P (4, 4), nats: ½ log det of an unknown position over it.
+    """Information, nats, about the position of a person with bound P (4, 4): ½ log (det U / det P), with U of an unknown position.
 
-    Both have POSITION_SIGMA added. What is below the size of a foot is worth nothing.
+    POSITION_SIGMA² is added to both variances, so that accuracy below the size of a foot adds little.
     """
     least = POSITION_SIGMA * POSITION_SIGMA
     unknown = (LOST_SIGMA * LOST_SIGMA / 2 + least) ** 2
@@ -372,7 +372,7 @@ def move_robots(bounds, before, after, landmarks, dt):  # type: ignore[no-untype
     nodes, information = landmarks
     for r in range(len(after)):
         P, moved = bounds[r], after[r, TRAVELLED] - before[r, TRAVELLED]
-        # F P Fᵀ, where a turn of the robot by ψ moves its last step by ψ across.
+        # F P Fᵀ: a heading error ψ moves the end of the step sideways by ψ times its length.
         ax, ay = before[r, Y] - after[r, Y], after[r, X] - before[r, X]
         P[0, 0] += 2 * ax * P[0, 2] + ax * ax * P[2, 2]
         P[1, 1] += 2 * ay * P[1, 2] + ay * ay * P[2, 2]
@@ -404,7 +404,7 @@ def _inverse(A):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def sight(views, r, p):  # type: ignore[no-untyped-def]
-    """(Distance, camera height, stature, m) of person p before robot r, and the direction to it, a unit vector."""
+    """Distance, camera height and stature, m, of person p as seen by robot r, and the unit vector to the person."""
     dx, dy = views.people[p, 0] - views.cameras[r, 0], views.people[p, 1] - views.cameras[r, 1]
     distance = math.sqrt(dx * dx + dy * dy) + 1e-9
     return (distance, views.cameras[r, 2], views.people[p, 3]), (dx / distance, dy / distance)
@@ -412,9 +412,9 @@ def sight(views, r, p):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def add_information(bounds, views, step):  # type: ignore[no-untyped-def]
-    """Bounds (p, 4, 4) of people after a decision, in place. Returns mean information about a person, nats, and what of it each robot adds (r,).
+    """Bounds (p, 4, 4) of people after a decision, in place. Returns the mean information about a person, nats, and each robot's contribution (r,).
 
-    What a robot adds is what is lost without its views of this decision. step: s since the last decision, and number of frames.
+    The contribution of a robot is the loss without its views of this decision. step: s since the last decision, and number of frames.
     """
     total, J, without = 0.0, np.zeros((len(views.cameras), 2, 2)), np.empty((4, 4))
     added = np.zeros(len(views.cameras))

@@ -45,9 +45,9 @@ SURFACE_MARGIN = 0.4
 
 
 class ViewScene(NamedTuple):
-    """A map as kernels need it for views.
+    """The arrays of a map that kernels need for views.
 
-    elevation: ElevationMap.packed. top (rows, columns) m and frame (3,): of it. floor (rows, columns) m, origin (2,) m, spacing m: the ground.
+    elevation: ElevationMap.packed. top (rows, columns) m, frame (3,): of the same map. floor (rows, columns) m, origin (2,) m, spacing m: the ground.
     landmarks: nodes (n, 2) m of the roadmap, and the information (n, 3, 3) about x, y, yaw that a decision at each of them gives.
     """
 
@@ -76,7 +76,7 @@ class PlacementMap:
 
     stature (p,) m: of the people. elevation: tops of everything that hides people. floor: the ground, on the same grid.
     free_space: free positions of the centre of a rover. roadmap: paths of rovers through it.
-    A map is pickled and copied as its key.
+    A pickle of a map holds its key alone; a deep copy of a map is the map itself.
     """
 
     key: MapKey
@@ -119,7 +119,7 @@ class PlacementMap:
 
     @cached_property
     def scene(self) -> ViewScene:
-        """The map as kernels need it for views."""
+        """The arrays of this map that kernels need for views."""
         floor = self.floor
         landmarks = self.roadmap.nodes, landmark_information(self)
         return ViewScene(self.elevation.packed, self.elevation.top, self.elevation.frame, floor.heights, floor.origin, floor.spacing, landmarks)
@@ -234,9 +234,9 @@ def map_of(key: MapKey) -> PlacementMap:
 
 
 def landmark_information(place: PlacementMap) -> Array:
-    """Information (n, 3, 3) about x, y, yaw of a robot at each node of the roadmap, by the azimuths of landmarks in a decision.
+    """Information (n, 3, 3) about x, y, yaw of a robot at each node of the roadmap, from the azimuths of landmarks in a decision.
 
-    Landmarks are drawn by the seed of the map. They have errors of LANDMARK_SIGMA, and views SIGHTING_NOISE.
+    The seed of the map draws the landmarks. Their positions have errors of LANDMARK_SIGMA, and sightings have SIGHTING_NOISE.
     """
     points = place.surface_points(LANDMARKS, np.random.default_rng(place.key.seed))
     out = np.zeros((len(place.node_cameras), 3, 3))

@@ -166,14 +166,14 @@ def energy(before, after, climbed):  # type: ignore[no-untyped-def]
 
 
 class Order(NamedTuple):
-    """What robots of n episodes shall do: velocity (n, r, 2) m/s, rad/s, or goals (n, r), nodes of the roadmap; (n, 0) for none."""
+    """Commands of n episodes: velocity (n, r, 2) m/s, rad/s, or goals (n, r), nodes of the roadmap; (n, 0) for velocity commands."""
 
     velocity: Array
     goals: NDArray[np.int64]
 
 
 class Ways(NamedTuple):
-    """What robots and people move on.
+    """The constants of a map for the motion of robots and people.
 
     grid, groups, behavior: of the crowd. graph: nodes (n, 2) m and next_node (n, n) of the roadmap. space: `Roadmap.grid`.
     """
@@ -187,7 +187,7 @@ class Ways(NamedTuple):
 
 @dataclass(eq=False)
 class KinematicMover:
-    """Rovers by unicycle kinematics, among people who walk around them: those of row `row` of states, which advance changes. dt: of a frame, s."""
+    """Rovers with unicycle kinematics, among people who avoid them. `advance` changes row `row` of states. dt: of a frame, s."""
 
     place: PlacementMap
     states: States
@@ -237,7 +237,7 @@ def ways_of(place: PlacementMap) -> Ways:
 
 @njit(cache=True, nogil=True)
 def advance_rows(rows, states, order, ways, times):  # type: ignore[no-untyped-def]
-    """Advance the episodes `rows` (n,) of one map, in place. order: of each. times: of a frame, s, and number of frames."""
+    """Advance the episodes `rows` (n,) of one map, in place. order: commands of each. times: of a frame, s, and number of frames."""
     for n in range(len(rows)):
         _advance(rows[n], states, Order(order.velocity[n], order.goals[n]), ways, times)
 
@@ -336,7 +336,7 @@ class PhysicsMover:
         place = self.team[:, :2]
         people = np.linalg.norm(place[:, None] - self.crowd.position, axis=2).min(axis=1, initial=np.inf)
         between = np.linalg.norm(place[:, None] - place, axis=2) + 1e9 * np.eye(len(place))
-        cause = np.where(people < max(CONTACT_DISTANCE, NEAR_MISS_DISTANCE), 1, np.where(between.min(axis=1) < 2 * HALF_WIDTH + 0.3, 2, 3))
+        cause = np.where(people < NEAR_MISS_DISTANCE, 1, np.where(between.min(axis=1) < 2 * HALF_WIDTH + 0.3, 2, 3))
         return np.where(blocked, cause, 0)
 
     def poses(self) -> list[Pose]:

@@ -33,7 +33,7 @@ def space_of(config: PlacementConfig) -> spaces.Dict:
     * map (r, 2, n, n): heights of the terrain relative to the robot's ground, and of objects above the terrain.
       Rows run north, columns east.
     * beliefs (k, 9): 1 for a known person (else the row is 0), x, y over the extent, velocity, standard deviations along x and y, their
-      correlation, and the time since the person was seen over 30 s.
+      correlation, and the time since the person was seen over 30 s. With "tracks", they are the people of TrackMemory.
     * panoramas (r · height, width, 3) uint8: one robot below the other, only with observation "pixels".
     """
     r = config.robots
@@ -51,12 +51,12 @@ def shapes_of(config: PlacementConfig) -> dict[str, tuple[int, ...]]:
 
 
 def empty(config: PlacementConfig, count: int) -> Observation:
-    """The arrays, but panoramas, of the observations of `count` episodes, each with a row more in front than in `space_of`."""
+    """Zero arrays for the observations of `count` episodes: as in `space_of`, with a leading axis (count,), without panoramas."""
     return {name: np.zeros((count, *shape), np.float32) for name, shape in shapes_of(config).items()}
 
 
 def observe(episodes: Sequence[Episode], out: Observation) -> None:
-    """Fill the rows of `empty` arrays that belong to episodes of one map, rows of the same states."""
+    """Fill the rows of arrays from `empty` for episodes of one map that share their States."""
     first = episodes[0]
     config, place = first.config, first.place
     size = config.cells, config.cell, config.reach
@@ -69,14 +69,14 @@ def observe(episodes: Sequence[Episode], out: Observation) -> None:
         team, row = np.column_stack([episode.tracking.planar_poses(), episode.now.team[:, 3:]]), episode.row
         robot_rows(team, place.extent, out["robots"][row])
         out["seen"][row] = episode.tracking.detection_rows()
-        position, covariance = (found[: config.max_tracks] for found in episode.estimates())
-        unseen = np.zeros(len(position))
-        _belief_rows((unseen + 1.0, np.column_stack([position, unseen, unseen]), covariance), unseen, place.extent, out["beliefs"][row])
+        memory, most = episode.tracking.memory, config.max_tracks
+        mean = np.column_stack([memory.position, memory.velocity])[:most]
+        _belief_rows((np.ones(len(mean)), mean, memory.covariance[:most]), memory.time_unseen[:most], place.extent, out["beliefs"][row])
         map_rows(team, place.scene, size[:2], out["map"][row])
 
 
 def bounded(found: Observation) -> Observation:
-    """The arrays that have numbers, each clipped to [−1, 1] in place."""
+    """The arrays that are not empty, each clipped to [−1, 1] in place."""
     return {name: np.clip(array, -1.0, 1.0, out=array) for name, array in found.items() if array.size}
 
 
@@ -96,7 +96,7 @@ def _observe(rows, states, where, size, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _seen_rows(team, people, share, reach, out):  # type: ignore[no-untyped-def]
-    """Fill the rows (r, p, 5) of people (p, 4) whose bodies are seen by share (r, p), as in `space_of`."""
+    """Fill the rows (r, p, 5) of `seen` in `space_of` for people (p, 4). share (r, p): visible share of each body."""
     for r in range(len(team)):
         for p in range(len(people)):
             if share[r, p] > 0:

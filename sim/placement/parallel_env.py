@@ -25,7 +25,7 @@ except ImportError as error:
     raise ImportError("sim.placement.parallel_env needs pettingzoo: pip install 'pilsim[rl]'") from error
 
 SHARED = ("beliefs",)
-"""Arrays that all agents share. Of every other array each agent gets its own row."""
+"""Arrays that all agents share. Each agent gets its own row of every other array."""
 
 
 class ParallelPlacement(ParallelEnv[str, Observation, Array]):
@@ -117,4 +117,4 @@ class ParallelPlacement(ParallelEnv[str, Observation, Array]):
 
 
 parallel_env = ParallelPlacement
-"""The environment by the name that PettingZoo's modules give it."""
+"""The environment under the name that PettingZoo's modules use."""

@@ -116,7 +116,7 @@ def _ellipse(picture: Image, at: tuple[float, float], P: Array, scale: float) ->
 
 
 def _rover(picture: Image, at: tuple[float, float], yaw: float, size: float, colour: tuple[int, int, int]) -> None:
-    """Draw an arrow head as long as a rover, and at least visible."""
+    """Draw an arrow head as long as a rover, or longer where it would be too small to see."""
     size = max(size, 11.0)
     shape = np.array([(1.0, 0.0), (-0.75, 0.7), (-0.4, 0.0), (-0.75, -0.7)]) * size
     c, s = np.cos(yaw), np.sin(yaw)

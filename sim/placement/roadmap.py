@@ -1,7 +1,7 @@
 """The roadmap of a map, with all shortest paths, and the steering of rovers along it (Kavraki et al. 1996).
 
-A rover heads for the farthest node of its path that it reaches straight, and passes people and other rovers on the right.
-The kernels are compiled. They stand in one file, because numba does not notice a change of a kernel in another.
+A rover heads for the farthest node of its path along a free straight segment, and passes people and other rovers on the right.
+The compiled kernels are in one file, because numba's cache does not notice a change of a kernel in another file.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ NODES = 500
 """Approximate number of nodes, from which the spacing is chosen."""
 
 MIN_SPACING, MAX_SPACING, MOST_NODES = 0.45, 2.0, 3000
-"""Bounds of the spacing of nodes, m; the second is exceeded where a place is so large that it would have more than MOST_NODES nodes."""
+"""Bounds of the spacing of nodes, m, and of their number. A map that would have more than MOST_NODES nodes gets a larger spacing."""
 
 LANE_LENGTH, HALF_LANE_WIDTH = 1.5, 0.85
 """Length, and half the width, of the lane in which a robot avoids others, m."""
@@ -66,7 +66,7 @@ class Roadmap:
 
     @property
     def grid(self) -> tuple[Mask, Array, float]:
-        """The free space as kernels take it: free (rows, columns), origin (2,) m and spacing m."""
+        """The free space as kernel arguments: free (rows, columns), origin (2,) m and spacing m."""
         return self.free_space.free, self.free_space.origin, self.free_space.spacing
 
     def nearest(self, points: Array) -> NDArray[np.int64]:
@@ -122,7 +122,7 @@ def _edges(space: FreeSpace, nodes: Array, cell: NDArray[np.int64]) -> sparse.cs
 
 @njit(cache=True)
 def segment_is_free(space, a, b):  # type: ignore[no-untyped-def]
-    """Whether the straight segment from a to b is free: two coordinates in m each. space: as `Roadmap.grid`."""
+    """Whether the straight segment between points a and b (2,) m is free. space: as `Roadmap.grid`."""
     dx, dy = b[0] - a[0], b[1] - a[1]
     steps = max(2, int(math.sqrt(dx * dx + dy * dy) / space[2] * 2) + 1)
     for k in range(steps):
@@ -159,7 +159,7 @@ def steer(team, goals, people, graph, space):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _target(x, y, goal, graph, space):  # type: ignore[no-untyped-def]
-    """The target of a robot at (x, y) m: the farthest node of the path to `goal` that it reaches straight, up to LOOKAHEAD or the next node."""
+    """The target (x, y) m: the farthest node of the path to `goal` that a free straight segment reaches within LOOKAHEAD, or the next node."""
     nodes, next_node = graph
     start, least = nearest_node(nodes, x, y)
     target, node = start, start
@@ -179,7 +179,7 @@ def _target(x, y, goal, graph, space):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _avoid(robot, target, others, space):  # type: ignore[no-untyped-def]
-    """The target, moved where others (k, 2) m block the lane to it: to the right, or else to the left, where the ground is free."""
+    """The target, deflected where others (k, 2) m block the lane to it: to the right, else to the left, onto free ground."""
     x, y = robot[X], robot[Y]
     distance = math.sqrt((target[0] - x) ** 2 + (target[1] - y) ** 2)
     if distance < STOP_DISTANCE:

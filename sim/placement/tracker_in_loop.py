@@ -30,7 +30,6 @@ from tracker.metrics.matching import MatchingFrame
 from tracker.metrics.trajectory import score_robots
 from tracker.parameter_file import with_fields
 from tracker.pipeline import Parameters, Tracker
-from tracker.slam.parameters import SlamParameters
 from tracker.types import Boxes, Detections, Estimate, Keypoints, Mount, Odometry, Setup, Sightings, Start, ViewTruth
 
 CAMERA = Panorama(1024, 512)
@@ -42,9 +41,6 @@ BODY_RADIUS = 0.22
 NOISE = 0.0026
 """Standard deviation of a box's edge, rad, as in Scenario."""
 
-SLAM = SlamParameters(max_updates=16, max_new_landmarks=4, capacity=72, clones=2)
-"""A smaller map than for recorded sequences: the cost of the joint filter grows with the square of its size."""
-
 SAMPLES = 25
 """Gyroscope samples per frame."""
 
@@ -52,7 +48,7 @@ MEMORY_DURATION = 8.0
 """Time for which a person is predicted after the last report of the track, s."""
 
 MATCH_DISTANCE = 1.0
-"""Distance within which a track replaces a predicted person: it is the same person under a new id, m."""
+"""Distance within which a track is taken for a predicted person under a new id and replaces it, m."""
 
 
 @dataclass(eq=False)
@@ -90,7 +86,7 @@ class TrackerInLoop:
 
     landmarks: of the scene. last_translation (r, 3) m: motion of each robot in the last frame.
     wheel_angles (r, 4) rad: total rotation of the wheels. index: of the next frame. detectors: of each robot's camera.
-    truth: people (p, 4) and poses of each frame. reported: estimates, `delay` frames late; `position` is what is known at once.
+    truth: people (p, 4) and poses of each frame. reported: estimates, `delay` frames late; `position` has no delay.
     """
 
     config: PlacementConfig
@@ -120,7 +116,7 @@ class TrackerInLoop:
             starts[f"robot_{k}"] = Start(pose @ Pose.exp(rng.normal(0.0, START_SIGMA)), np.diag(START_SIGMA**2))
         mounts = {f"robot_{k}_camera": Mount(CAMERA, mount, f"robot_{k}") for k in range(count)}
         floor, tops = (Grid(heights, place.floor.origin, place.floor.spacing) for heights in (place.floor.heights, place.elevation.top))
-        # Without its cameras' reach, the tracker would take every person who is seen by one robot, and not by farther ones, for a false box.
+        # Without the reach, the tracker would take a person whom one robot sees, but farther robots do not, for a false detection.
         targets = with_fields(Parameters().targets, {"fusion.reach": config.reach} | dict(config.parameters))
         parameters = Parameters(targets=targets, delay=config.delay)
         tracker = Tracker(Setup(mounts, floor, starts, config.frame_period, occluders=tops), parameters)
@@ -173,7 +169,7 @@ class TrackerInLoop:
         return out
 
     def scores(self) -> dict[str, float]:
-        """HOTA, IDF1 and MOTA within 1 m of everybody, and the robots' ATE (m), over all frames. It ends the tracking."""
+        """HOTA, IDF1 and MOTA over all people (matches within 1 m), and the robots' ATE (m), over all frames. It ends the tracking."""
         while estimate := self.tracker.finish():
             self.reported.append(estimate)
         frames = [
@@ -192,12 +188,12 @@ class TrackerInLoop:
         return self.detectors[robot].detect(view, np.arange(1, len(people) + 1), people[:, :3])
 
     def _sightings(self, camera: Pose) -> Sightings:
-        """Sightings of landmarks by a camera, over the height map in place of exact rays."""
+        """Sightings of landmarks by a camera, by lines of sight over the height map instead of exact ray casts."""
         elevation, eye = self.place.elevation, camera.translation
         return self.landmarks.sightings(camera, lambda points: line_of_sight(elevation, eye, points, SURFACE_MARGIN) > 0, self.rng)
 
     def _odometry(self, mover: Mover, poses: list[Pose]) -> list[Odometry]:
-        """Odometry of the last frame: from the simulation, or simulated for wheels without slip and for gyroscopes."""
+        """Odometry of the last frame: from the physics, or else simulated for wheels without slip and a gyroscope."""
         found = mover.odometry()
         if found is not None:
             return found

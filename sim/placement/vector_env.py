@@ -2,9 +2,9 @@
 
     envs = gymnasium.make_vec("pilsim/Placement-v0", num_envs=64, vectorization_mode="vector_entry_point", robots=4, people=20)
 
-The environments share arrays and maps. One compiled call advances the kinematic environments of a map that observe states, and threads share
-these calls. Each is a Placement, so that the same seed gives the same episode as in every other mode of make_vec.
-The number of threads changes nothing.
+The environments share arrays and maps. One compiled call advances the kinematic environments of a map that observe states, and threads divide
+these calls. Each environment is a Placement: a seed gives the same episode in every mode of make_vec.
+The number of threads does not change the results.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class PlacementVector(VectorEnv[Observation, Array, Array]):
         self._threads = ThreadPoolExecutor(self._count) if self._count > 1 else None
 
     def reset(self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode everywhere, with seeds seed, seed + 1, …, or one of a list each. options: as of Placement.reset."""
+        """Begin an episode in every environment, with seeds seed, seed + 1, …, or those of a list. options: as of Placement.reset."""
         seeds = [None] * self.num_envs if seed is None else [seed + k for k in range(self.num_envs)] if isinstance(seed, int) else list(seed)
         if len(seeds) != self.num_envs:
             raise ValueError(f"seed has {len(seeds)} numbers, needs {self.num_envs}")
@@ -138,9 +138,9 @@ class PlacementVector(VectorEnv[Observation, Array, Array]):
         return list(map(work, items) if self._threads is None else self._threads.map(work, items))
 
     def _infos(self, terms: dict[str, Array], begun: dict[int, Any], observation: Observation) -> dict[str, Any]:
-        """Arrays by name, and by _name whether an environment has it, as gymnasium's vector environments give them.
+        """Arrays by name, and by _name the masks of environments with a value, as in gymnasium's vector environments.
 
-        Observations of episodes that have begun are put into theirs.
+        The first observations of new episodes are copied into `observation`.
         """
         seeds, new = np.zeros(self.num_envs, dtype=np.int64), np.zeros(self.num_envs, dtype=bool)
         for k, (first, info) in begun.items():

@@ -1,7 +1,7 @@
 """Visibility of people from cameras: lines of sight to points on their bodies, past terrain, walls and other people.
 
 Static objects are an elevation map, with one column per grid point, and the lines of sight are exact on it. People are upright cylinders.
-The kernels are compiled. MuJoCo's rays take a hundred times as long on meshes, and are the oracle of the tests.
+The kernels are compiled. MuJoCo's ray casts take a hundred times as long on meshes; tests use them as the reference.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ OCCLUDER_RADIUS = 0.2
 BODY_HALF_WIDTH = 0.17
 """Greatest offset of a body point to the side, m."""
 BLOCK = 8
-"""Columns along a side of a block. Most lines of sight pass high above all columns of their blocks, which is told faster."""
+"""Columns along a side of a block. Most lines of sight clear the highest column of each block, and this test is faster."""
 BLIND_RADIUS = 0.3
 """Distance from its own mast within which a camera sees nothing, m."""
 
@@ -41,10 +41,10 @@ class ElevationMap:
 
     @cached_property
     def packed(self) -> tuple[Array, Array, Array]:
-        """As kernels take it: top, frame, and the greatest tops of blocks of BLOCK × BLOCK columns, each with its surroundings as wide as a body."""
+        """Kernel arguments: top, frame, and the highest top of each block of BLOCK × BLOCK columns with a margin of half a body width."""
         around = 2 * (math.ceil(BODY_HALF_WIDTH / self.frame[2]) + 1)
         widest = maximum_filter(self.top, size=BLOCK + around, mode="nearest")
-        # A window of an even size around column c has its middle before c.
+        # A window of an even size reaches one column farther below its centre than above it.
         middle = [np.minimum(np.arange(0, count, BLOCK) + BLOCK // 2, count - 1) for count in self.top.shape]
         return self.top, self.frame, np.ascontiguousarray(widest[np.ix_(*middle)])
 
@@ -59,7 +59,7 @@ class VisibilityLimits:
 
 
 def seen_share(elevation: ElevationMap, cameras: Array, people: Array, limits: VisibilityLimits) -> Array:
-    """Share (r, p) of body points that each of cameras (r, 3) m sees of each of people (p, 4): feet x, y, z m and stature m.
+    """Share (r, p) of the body points of people (p, 4) that cameras (r, 3) m see. people: feet x, y, z m and stature m.
 
     It is 0 for people beyond the limits.
     """
@@ -68,7 +68,7 @@ def seen_share(elevation: ElevationMap, cameras: Array, people: Array, limits: V
 
 
 def visible_points(elevation: ElevationMap, camera: Array, people: Array) -> Array:
-    """1.0 for each point of BODY_POINTS of people (p, 4) that a camera (3,) m sees, else 0.0, as an array (p, 8)."""
+    """Array (p, 8): 1.0 for each point of BODY_POINTS of people (p, 4) that a camera (3,) m sees, else 0.0."""
     return _visible_points(elevation.packed, np.asarray(camera, dtype=np.float64), np.ascontiguousarray(people, dtype=np.float64))
 
 
@@ -82,8 +82,8 @@ def line_of_sight(elevation: ElevationMap, camera: Array, points: Array, margin:
 def _passes(top, start, way, until, lowest):  # type: ignore[no-untyped-def]
     """Whether a segment passes above every column of `top` (rows, columns) m, up to the share `until` of its length.
 
-    start, way: its start and its extent, x and y in columns, z in m. In each column its middle counts, or its lower end if `lowest`.
-    It visits the columns in order (Amanatides and Woo 1987).
+    start, way: its start, and the vector to its end; x and y in columns, z in m. `lowest` tests its lower end in each column, not its middle.
+    The columns are visited in order (Amanatides and Woo 1987).
     """
     (x, y, z), (dx, dy, dz) = start, way
     j, i = math.floor(x), math.floor(y)
@@ -149,7 +149,7 @@ def _occluded_by_person(people: Array, person: int, camera: Array, goal: tuple[f
 
 @njit(cache=True)
 def _body_point(camera: Array, person: Array, k: int) -> tuple[float, float, float]:
-    """Point k of the body of a person (4,), as a camera (3,) m faces it, m."""
+    """Position, m, of body point k of a person (4,); its side offset is perpendicular to the line of sight of a camera (3,) m."""
     ax, ay = person[0] - camera[0], person[1] - camera[1]
     aside = BODY_POINTS[k, 0] / math.sqrt(ax * ax + ay * ay)
     return person[0] - aside * ay, person[1] + aside * ax, person[2] + BODY_POINTS[k, 1] * person[3]
@@ -157,7 +157,7 @@ def _body_point(camera: Array, person: Array, k: int) -> tuple[float, float, flo
 
 @njit(cache=True)
 def _above_all(elevation, camera: Array, person: Array) -> bool:  # type: ignore[no-untyped-def]
-    """Whether all lines of sight to the body of a person (4,) pass above every column of the blocks below. False may be wrong."""
+    """Whether all lines of sight to the body of a person (4,) clear every block below. True is certain, False may be wrong."""
     _, frame, greatest = elevation
     side = frame[2] * BLOCK
     start = (camera[0] - frame[0]) / side + 0.5 / BLOCK, (camera[1] - frame[1]) / side + 0.5 / BLOCK, camera[2]
@@ -167,7 +167,7 @@ def _above_all(elevation, camera: Array, person: Array) -> bool:  # type: ignore
 
 @njit(cache=True)
 def _between(people: Array, person: int, camera: Array) -> bool:
-    """Whether another person stands so near to the line to this one that a part of the body may be hidden."""
+    """Whether another person stands close enough to the line of sight to hide a part of this person's body."""
     dx, dy = people[person, 0] - camera[0], people[person, 1] - camera[1]
     square = max(dx * dx + dy * dy, 1e-12)
     for q in range(len(people)):

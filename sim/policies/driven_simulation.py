@@ -18,7 +18,6 @@ from sim.robots.driving import ACCELERATION, ARRIVED, YAW_ACCELERATION, Driver, 
 from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
 from tracker.geometry import Array
-from worlds.terrain.free_space import FreeSpace
 
 LEAD_TIME = 20.0
 """Time before the first frame in which the team drives to its first goals, s. A run of ten seconds would otherwise show little else."""
@@ -26,25 +25,24 @@ LEAD_TIME = 20.0
 
 @dataclass
 class GoToDriver:
-    """A rover's driver that goes to one goal, gives way as every Driver does, and stays there until the goal changes."""
+    """A rover's driver that goes to the one goal of `driver`, gives way as every Driver does, and stays there until the goal changes."""
 
-    free_space: FreeSpace
-    goal: Array
+    driver: Driver
 
     def start(self, position: Array) -> DriveState:
-        return Driver(self.free_space, self.goal[None]).start(position)
+        return self.driver.start(position)
 
     def step(self, drive: DriveState, motion: Motion, traffic: Traffic, dt: float) -> DriveState:
-        if math.dist(self.goal, motion.position) < ARRIVED:
+        if math.dist(self.driver.goals[0], motion.position) < ARRIVED:
             dv, dw = 2 * ACCELERATION * dt, 2 * YAW_ACCELERATION * dt
             return replace(drive, speed=_slowed(drive.speed, dv), yaw_rate=_slowed(drive.yaw_rate, dw), stuck=0.0, requested_velocity=(0.0, 0.0))
-        return Driver(self.free_space, self.goal[None]).step(drive, motion, traffic, dt)
+        return self.driver.step(drive, motion, traffic, dt)
 
     def with_goal(self, drive: DriveState, goal: Array, position: Array) -> DriveState:
         """The drive state of a rover at position (2,) m with a new goal (2,) m. Speed and yaw rate stay the same."""
-        if math.dist(goal, self.goal) < 1e-6:
+        if math.dist(goal, self.driver.goals[0]) < 1e-6:
             return drive
-        self.goal = goal
+        self.driver = replace(self.driver, goals=goal[None])
         return replace(self.start(position), speed=drive.speed, yaw_rate=drive.yaw_rate, direction=drive.direction)
 
 
@@ -55,8 +53,8 @@ def _slowed(value: float, step: float) -> float:
 class PolicySimulation(Simulation):
     """A Simulation whose robots get goals from `policy`, a name of rollouts.BUILT_IN_POLICIES.
 
-    Its first frame is LEAD_TIME s after the start. The policy acts DECISION_RATE times per second. With policy "" the robots tour goals of
-    their own, as in every other run.
+    Its first frame is LEAD_TIME s after the start. The policy acts DECISION_RATE times per second. With policy "" the robots drive
+    to random goals, as in Simulation.
 
     The policy knows the map, the poses of its robots and beliefs of people, from simulated visibility and noisy measurements.
     Random numbers come from the streams "policy" and "policy/sight". Raises ValueError for an unknown policy, and as Simulation does.
@@ -84,7 +82,8 @@ class PolicySimulation(Simulation):
     def _install_drivers(self) -> None:
         assert self._policy is not None
         places = self.motions()[:, :2]
-        self._goal_drivers = [GoToDriver(self._place.free_space, place.copy()) for place in places]
+        own = [driver for driver in self._drivers if isinstance(driver, Driver)]
+        self._goal_drivers = [GoToDriver(replace(driver, goals=place[None].copy())) for driver, place in zip(own, places, strict=True)]
         self.set_drivers(self._goal_drivers, [driver.start(place) for driver, place in zip(self._goal_drivers, places, strict=True)])
         self._policy.begin(self._knowledge(), self.scenario.stream("policy"))
 

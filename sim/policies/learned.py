@@ -4,7 +4,7 @@ All robots share one policy (parameter sharing, as in Yu et al. 2022, The surpri
 It chooses a waypoint for each robot every 3 s. It takes any number of people and robots.
 Inputs: `choices` (n, CHOICES, FEATURES) of waypoints.py and `people` (n, k, CHOICES, PEOPLE_FEATURES) of planning.py, float32.
 Output: `scores` (n, CHOICES). The metadata has an entry `pilsim`, a JSON object: kind "placement", version 1.
-Models of stable-baselines3, as 0.3.0 and 0.4.0 wrote them, are read, too; they need the extra `rl`.
+Models of stable-baselines3, which versions 0.3.0 and 0.4.0 wrote, can be read with the extra `rl`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from tracker.geometry import Array
 MISSING = "stable-baselines3 is not installed, training and policies of it need it: pip install 'pilsim[rl]'"
 KIND = {"kind": "placement", "version": 1}
 LARGEST_MODEL = 1 << 24
-"""Bytes of a model file, since a file of unknown origin may take the memory."""
+"""Largest model file that is read, bytes: a file of unknown origin must not exhaust the memory."""
 Scores = Callable[[Features, Features], Array]
 """Features of choices and of people → scores (n, CHOICES) of the choices."""
 
@@ -38,14 +38,14 @@ def shipped_policy() -> Path:
 
 @dataclass(eq=False)
 class Learned:
-    """A policy that takes the choices of the highest scores."""
+    """A policy that takes the choices with the highest scores."""
 
     scores: Scores
     action: str = "waypoint"
 
     @staticmethod
     def read(file: str) -> Learned:
-        """Read a model. Raises ValueError for a missing file, a file that is no such model, and where stable-baselines3 is missing for one of it."""
+        """Read a model. Raises ValueError for a missing file, another kind of file, and where a model needs stable-baselines3 and it is missing."""
         path = Path(file)
         if not path.is_file():
             raise ValueError(f"{file}: no such file")
@@ -98,7 +98,7 @@ def _read_stable_baselines(path: Path) -> Scores:
     network = model.policy.mlp_extractor
 
     def scores(choices: Features, people: Features) -> Array:
-        # Networks of 0.4.0 and before do not look at people.
+        # Networks of versions up to 0.4.0 have no inputs for people.
         with torch.no_grad():
             rows = torch.as_tensor(choices)
             return np.asarray(network.score(network.with_people(rows, torch.as_tensor(people)) if network.people else rows).numpy())

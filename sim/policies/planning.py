@@ -1,9 +1,9 @@
-"""Policies that plan by expected information: greedy, which looks at the next goal, and predictive, which looks along whole ways.
+"""Policies that plan by expected information: greedy, which evaluates the next goal, and predictive, which evaluates whole paths.
 
-Both share the reward of the environment (sim.placement.information). People are predicted. Each robot in turn chooses the goal with the most
+Both maximize the environment's information (sim.placement.information) about predicted people. Each robot in turn chooses the goal with the most
 expected information of the team. Predictive control follows Mayne et al. 2000, Constrained model predictive control: stability and optimality.
-Of the best way, the first decision alone is taken, and the next decision plans anew.
-Features of people for a learned policy say what a choice of a robot tells of each person.
+Only the first decision of the best path is executed, and the next decision plans anew.
+Features of people for a learned policy give the information that a robot's choice adds about each person.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from tracker.geometry import Array, Mask
 from tracker.geometry.compilation import njit
 
 AHEAD = 3.0
-"""Time ahead for which people are predicted, s: as long as a choice holds."""
+"""Prediction time for people, s: the time for which a choice holds."""
 PEOPLE_FEATURES = 5
 """Number of features of a person at a choice."""
 NATS_SCALE, DISTANCE_SCALE = 6.0, 12.0
@@ -41,7 +41,7 @@ NATS_SCALE, DISTANCE_SCALE = 6.0, 12.0
 
 Features = NDArray[np.float32]
 STATURE = 1.72
-"""Stature of people, of whom policies know none, m."""
+"""Assumed stature of people, which policies do not know, m."""
 KEEPS_WALKING = 4.0
 """Time constant with which the predicted velocity of a person decays, s."""
 TRACKED_VELOCITY_SIGMA = 0.4
@@ -51,13 +51,13 @@ MAX_PATH, PATH_DISCOUNT = 6.0, 7.0
 SWITCHING_GAIN = 0.05
 """Advantage over the present goal that another goal needs, nats."""
 MOST_GOALS = 48
-"""Goals of a robot that predictive compares; more are thinned out evenly."""
+"""Largest number of goals that predictive compares per robot; longer lists are subsampled evenly."""
 DRIVING_SPEED = 1.2
-"""Speed at which robots are planned to drive along a way, m/s. Slower plans end before the places that pay."""
+"""Assumed speed along a planned path, m/s. With a lower speed, paths end before the informative places."""
 ROUNDS = 2
 """Rounds in which the robots choose in turn, each given the choices of the others."""
 REPEATED_VIEW_GAIN = (1.0, 0.4, 0.1)
-"""Relative gain of a view of an unknown person whom no, one or two other robots see, too."""
+"""Relative gain of a view of an unknown person whom no, one or two other robots also see."""
 FOUND_SIGMA = 0.3
 """Standard deviation of the place of a person after the first box, m."""
 CLOSE = 1.2
@@ -67,9 +67,9 @@ CLOSE = 1.2
 def people_features(knowledge: TeamKnowledge, choices: NDArray[np.int64], bound_for: NDArray[np.int64]) -> NDArray[np.float32]:
     """Features (r, k, c, PEOPLE_FEATURES) of k people at the choices (r, c) of each robot. Choices and bound_for (r,) are nodes of the roadmap.
 
-    While a robot chooses, the others are counted at the nodes that they are bound for.
+    While a robot chooses, the others count as being at their nodes in bound_for.
 
-    * 0: 1, so that rows of 0 are nobody. 1: nats about the person if the robot goes there. 2: of which it adds so many. 3: nats of now.
+    * 0: 1, while padding rows are 0. 1 to 3, over 6 nats: information if the robot goes there; the robot's share of it; information now.
     * 4: distance of the person from the choice over 12 m.
     """
     ahead = PeopleAhead.of(knowledge, np.array([AHEAD]))
@@ -95,7 +95,7 @@ class ChoiceFeatures:
     def update(self, knowledge: TeamKnowledge) -> tuple[Features, Features]:
         """Features (r, CHOICES, FEATURES) of the new choices, and (r, k, CHOICES, PEOPLE_FEATURES) of k known people at them.
 
-        At most as many people are taken as there are, those known best first.
+        If there are more tracks than people, only the best known tracks are kept.
         """
         choices = self._waypoints.update(knowledge)
         people = people_features(knowledge, self._waypoints.goals, self.bound_for)
@@ -121,12 +121,12 @@ def _fill(out, where, table, rows):  # type: ignore[no-untyped-def]
             others = np.zeros((2, 2))
             for q in range(len(choices)):
                 if q != r:
-                    others += 3.0 * table[bound_for[q], k]
+                    others += FRAMES_PER_DECISION * table[bound_for[q], k]
             alone = P.copy()
             update_person(alone, others)
             for c in range(choices.shape[1]):
                 after = alone.copy()
-                update_person(after, 3.0 * table[choices[r, c], k])
+                update_person(after, FRAMES_PER_DECISION * table[choices[r, c], k])
                 found, node = nats(after), nodes[choices[r, c]]
                 out[r, k, c, 0], out[r, k, c, 1] = 1.0, found / NATS_SCALE
                 out[r, k, c, 2], out[r, k, c, 3] = (found - nats(alone)) / NATS_SCALE, now / NATS_SCALE
@@ -135,7 +135,7 @@ def _fill(out, where, table, rows):  # type: ignore[no-untyped-def]
 
 @dataclass(frozen=True, eq=False)
 class PeopleAhead:
-    """k people at T times ahead: times (T,) s, feet (T, k, 2) m, and bounds (k, 4, 4) of now."""
+    """k people at T times ahead: times (T,) s, feet (T, k, 2) m, and current bounds (k, 4, 4)."""
 
     times: Array
     feet: Array
@@ -143,7 +143,7 @@ class PeopleAhead:
 
     @staticmethod
     def of(knowledge: TeamKnowledge, times: Array) -> PeopleAhead:
-        """People keep walking, for some seconds."""
+        """Predict people with velocities that decay with the time constant KEEPS_WALKING."""
         ahead = KEEPS_WALKING * (1.0 - np.exp(-times / KEEPS_WALKING))
         bounds = np.zeros((len(knowledge.position), 4, 4))
         bounds[:, :2, :2] = knowledge.covariance
@@ -203,7 +203,7 @@ class Greedy:
         return np.concatenate([[goal], near[near != goal]])
 
     def _ways(self, place: PlacementMap, node: int, goals: NDArray[np.int64]) -> NDArray[np.int64]:
-        """The nodes (n, T) at which a robot is counted at each time: here the goal."""
+        """Assumed nodes (n, T) of a robot at each time: here always the goal."""
         return np.repeat(goals[:, None], len(self.times), axis=1)
 
     def _unknown_found(self, visible: Mask, numbers: NDArray[np.int64], others: list[NDArray[np.int64]]) -> Array:
@@ -212,7 +212,7 @@ class Greedy:
         return np.asarray(visible[numbers[:, -1]] @ (self._unseen.density * np.take(REPEATED_VIEW_GAIN, np.minimum(views, 2))))
 
     def _best(self, place: PlacementMap, value: Array, goals: NDArray[np.int64], path: Array, others: list[int]) -> int:
-        """The number of the goal with the most value, which the present goal loses only to one that is clearly better."""
+        """Index of the goal with the highest value. Another goal replaces the present goal only if it is better by SWITCHING_GAIN."""
         gap = np.linalg.norm(place.roadmap.nodes[goals][:, None] - place.roadmap.nodes[np.array(others, dtype=np.int64)], axis=2)
         gain = self._discounted(value - value[0], path) - 1e3 * (gap.min(axis=1, initial=9.0) < CLOSE)
         gain[0] += SWITCHING_GAIN
@@ -223,7 +223,7 @@ class Greedy:
 
 
 class Predictive(Greedy):
-    """Model predictive control: each robot compares ways over the next 7.5 s, and people move meanwhile."""
+    """Model predictive control: each robot compares paths over the next 7.5 s, during which people move."""
 
     times = np.arange(1.0, 6.0) * 1.5
 
@@ -239,9 +239,9 @@ class Predictive(Greedy):
 
 
 def team_values(forecast: PeopleAhead, table: Array, ways: NDArray[np.int64], others: list[NDArray[np.int64]]) -> Array:
-    """Expected information (n,) about all people, nats, the mean over the times, if one robot takes each of its ways (n, T) of rows of `table`.
+    """Expected information (n,), nats, summed over people and averaged over times, if one robot takes each of its ways (n, T).
 
-    table: information_from the nodes. others: the ways (T,) of the other robots.
+    table: information_from the nodes. ways: rows of table. others: the ways (T,) of the other robots.
     """
     fixed = np.zeros(table.shape[1:])
     for way in others:
@@ -257,7 +257,7 @@ def _team_values(bounds, steps, table, ways, fixed):  # type: ignore[no-untyped-
             P[:] = bounds[k]
             for t in range(len(steps)):
                 predict_person(P, steps[t])
-                # All frames of a decision, as in the reward.
+                # All frames of a decision count, as in the reward.
                 update_person(P, FRAMES_PER_DECISION * (fixed[t, k] + table[ways[w, t], t, k]))
                 out[w] += nats(P) / len(steps)
     return out

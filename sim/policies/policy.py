@@ -19,7 +19,7 @@ MAX_GOAL_TIME = 40
 """Decisions after which a random goal that was not reached is replaced."""
 
 ORDER = 2
-"""Number of nearest robots to which a point belongs in Lloyd's descent; two suit a reward for two views."""
+"""Number of nearest robots to which a point belongs in Lloyd's descent; 2 suits a reward for two views."""
 
 RADII, ROTATIONS = np.linspace(0.2, 1.3, 12), 12
 """Candidate rings: radii over the root mean square distance of the walkable area from its centre, and the number of rotations."""

@@ -25,10 +25,10 @@ from tracker.io.atomic import new_file
 BUILT_IN_POLICIES: dict[str, Callable[[], Policy]] = {"random": Random, "static": Static, "lloyd": Lloyd, "greedy": Greedy, "predictive": Predictive}
 """Policies that need no file, by name."""
 LEARNED = "learned"
-"""The name of the policy of the package."""
+"""Name of the learned policy in the package."""
 MEASURES = ("reward", *TERMS)
 MEASURES_SHOWN = ("information", "hota", "idf1", "mota", "seen", "seen_twice", "ate_m", "way_m", "collisions", "near_misses")
-"""Measures in the printed tables, where they were taken."""
+"""Measures in the printed tables, where available."""
 DIGITS = 3
 """Decimals in the printed tables."""
 TITLES = {
@@ -39,14 +39,14 @@ TITLES = {
     "seen": "share seen by one",
     "seen_twice": "share seen by two",
 }
-"""Measures of the picture, where they were taken."""
+"""Measures of the picture, where available."""
 
 
 @dataclass(frozen=True)
 class EpisodeResult:
     """The result of an episode. values: means of MEASURES over its decisions, and the tracker's scores where it is in the loop.
 
-    way_m: that a robot drove. act_ms: processor time of the policy a decision, which no result depends on.
+    way_m: mean distance that a robot drove. act_ms: processor time of the policy per decision, which comparisons ignore.
     """
 
     policy: str
@@ -73,7 +73,7 @@ def run_episodes(name: str, seeds: Sequence[int], options: dict[str, Any], steps
 
 
 def play(name: str, seed: int, options: Mapping[str, Any], steps: int) -> Iterator[Episode]:
-    """The episode of a policy and a seed, at its start and after each decision. Its `decided` is the time of the policy's last decision, s."""
+    """Yield the episode of a policy and a seed, at its start and after each decision. Its `decided` is the policy's last processor time, s."""
     policy = policy_of(name)
     env = gymnasium.make("pilsim/Placement-v0", **options, action=policy.action, max_episode_steps=steps)
     try:
@@ -119,7 +119,7 @@ def table(results: Sequence[EpisodeResult]) -> dict[str, dict[str, Interval]]:
 def compare(policies: Sequence[str], seeds: range, options: dict[str, Any], steps: int, workers: int = 1) -> Iterator[list[EpisodeResult]]:
     """Run every policy on every seed. Yields batches of results, ordered by policy and seed for any number of workers.
 
-    options: as in `run_episodes`. steps: decisions per episode. One worker is this process. Raises ValueError as Pool does.
+    options: as in `run_episodes`. steps: decisions per episode. With one worker, this process runs them. Raises ValueError as Pool does.
     """
     pool = Pool(workers)
     calls = [(name, group, options, steps) for name in dict.fromkeys(policies) for group in _groups(seeds)]
@@ -170,7 +170,7 @@ def short_name(name: str) -> str:
 
 
 def draw(means: dict[str, dict[str, Interval]], title: str, file: Path) -> None:
-    """Plot the means of relative measures with their intervals as a PNG. The file is written under a temporary name first."""
+    """Plot the means of the measures of TITLES with their intervals as a PNG. The file is written under a temporary name first."""
     from matplotlib.figure import Figure
 
     shown = [measure for measure in TITLES if measure in next(iter(means.values()))]

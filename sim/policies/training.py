@@ -60,11 +60,11 @@ class Curve:
 def train(options: dict[str, Any], steps: int, folder: Path, seed: int = 0, worlds: tuple[str, ...] = ()) -> Path:
     """Train for `steps` decisions. Writes policy.onnx, ppo.zip, curve.csv (the rows of Curve) and curve.png into a new or empty folder.
 
-    worlds: of training, in turn; none for that of the options. The same seed gives the same policy.
-    Unfinished training is kept in a hidden folder in `folder`. After an interruption the same call resumes from the last saved state,
-    on new episodes.
+    worlds: of the teams, in turn; empty for the world of the options. The same seed gives the same policy.
+    Unfinished training is kept in a hidden folder in `folder`. After an interruption the same call resumes from the last saved model,
+    with the episodes that follow.
     Returns the path of policy.onnx.
-    Raises ValueError where stable-baselines3 is missing, the folder holds something or another training, or another process writes it.
+    Raises ValueError where stable-baselines3 is missing, the folder is not empty or holds another training, or another process uses it.
     """
     needed()
     if not is_free(folder):
@@ -100,10 +100,14 @@ def _train(options: dict[str, Any], steps: int, folder: Path, seed: int, worlds:
 def _new_or_resumed(envs: Any, folder: Path, steps: int, seed: int) -> tuple[Any, Curve]:
     """A new model and curve, or those of an interrupted training."""
     ppo = needed()
-    from sim.policies.vector_env import ChoicePolicy
+    from sim.policies.vector_env import LENGTH, ChoicePolicy
 
     if (folder / MODEL).exists():
         model = ppo.load(folder / MODEL, env=envs, device="cpu", custom_objects={"policy_class": ChoicePolicy})
+        # Loading seeds the random numbers anew, and the teams begin at their first episodes.
+        model.set_random_seed(seed + model.num_timesteps)
+        for team in envs.teams:
+            team.skip(model.num_timesteps // envs.num_envs * HOLD // LENGTH)
         return model, Curve.read(folder / CURVE, steps)
     rates: dict[str, Any] = {"learning_rate": _learning_rate, "gamma": 0.9, "gae_lambda": 0.9, "ent_coef": 0.003, "n_epochs": 6}
     shape = {"choices": CHOICES, "parts": FEATURES, "people": PEOPLE_FEATURES}
@@ -138,7 +142,7 @@ def export(model: Any, file: Path) -> None:
     axes = {"choices": {0: "robots"}, "people": {0: "robots", 1: "people"}, "scores": {0: "robots"}}
     example = torch.zeros(2, CHOICES, FEATURES), torch.zeros(2, 3, CHOICES, PEOPLE_FEATURES)
     with new_file(file) as part, warnings.catch_warnings():
-        # The exporter by tracing gives a plain graph, and says that another one exists.
+        # The tracing exporter gives a plain graph, and warns that a newer exporter exists.
         warnings.simplefilter("ignore")
         torch.onnx.export(
             Actor(model.policy.mlp_extractor).eval(), example, part, dynamo=False, opset_version=OPSET,

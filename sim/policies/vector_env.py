@@ -1,7 +1,7 @@
-"""What stable-baselines3 trains: a vectorized environment and a network. Needs PyTorch.
+"""The vectorized environment and the network that stable-baselines3 trains. Needs PyTorch.
 
-Each robot of several teams is one environment, and all share one policy. One network scores every choice from its own features, from those of
-all people at it, and from the other choices. People are a set (Zaheer et al. 2017, Deep sets): their order and number change nothing.
+Each robot of several teams is one environment, and all share one policy. One network scores every choice from its own features, from those
+of all people at this choice, and from the other choices. People are a set (Zaheer et al. 2017, Deep sets) of any order and number.
 """
 
 from __future__ import annotations
@@ -31,10 +31,12 @@ MAPS = 16
 """Number of training maps: as many as are cached."""
 LENGTH = 240
 """Decisions per episode."""
+STRIDE = 5
+"""Difference between the numbers of two consecutive episodes of a team."""
 WIDTH, PERSON_WIDTH = 48, 16
-"""Units of a hidden layer, and of one of a person."""
+"""Units of a hidden layer, and of a hidden layer of the network that encodes a person."""
 PEOPLE_SCALE = 10.0
-"""Number of people whose sum is scaled to their mean."""
+"""Divisor of sums over people: for this number of people, the sum becomes the mean."""
 
 
 class Team:
@@ -48,6 +50,10 @@ class Team:
         assert isinstance(placement, Placement)
         self.placement, self.number, self.rewards = placement, number, [0.0]
 
+    def skip(self, episodes: int) -> None:
+        """Skip the next episodes, which were run before an interruption."""
+        self.number += STRIDE * episodes
+
     @property
     def episode(self) -> Episode:
         assert self.placement.episode is not None
@@ -58,7 +64,7 @@ class Team:
         # Ten consecutive seeds share a map: each team starts on its own map and moves on to others.
         k, maps = self.number, max(1, MAPS // self.worlds)
         observation, _ = self.env.reset(seed=TRAINING_SEED + 10 * (k % maps) + (k // maps) % 10)
-        self.number, self.rewards = k + 5, []
+        self.number, self.rewards = k + STRIDE, []
         self.features = ChoiceFeatures(TeamKnowledge.of(self.episode, observation))
         return self._choice_features(observation)
 
@@ -121,7 +127,7 @@ class TeamVecEnv(VecEnv):
     """All robots of several teams. `finished` holds the mean reward per decision of each episode that ended."""
 
     def __init__(self, options: dict[str, Any], teams: int, worlds: Sequence[str] = ()) -> None:
-        """worlds: of the teams, in turn; none for that of the options."""
+        """worlds: assigned to the teams in turn; empty for the world of the options."""
         own = [{"world": worlds[number % len(worlds)]} if worlds else {} for number in range(teams)]
         self.teams = [Team(options | one, number // max(1, len(worlds)), max(1, len(worlds))) for number, one in enumerate(own)]
         config = self.teams[0].placement.config
@@ -154,7 +160,7 @@ class TeamVecEnv(VecEnv):
         for team in self.teams:
             team.env.close()
 
-    # stable-baselines3 asks for these methods. The robots have no attributes or methods of their own.
+    # stable-baselines3 requires these methods. The robots have no attributes or methods of their own.
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         return [None] * self.num_envs
 
@@ -175,7 +181,7 @@ class TeamVecEnv(VecEnv):
 class ChoiceNetwork(nn.Module):
     """Maps observations (n, row_length) to logits (n, choices) of the actor and to features (n, WIDTH) of the critic.
 
-    people: number of features of a person; 0 for the networks of 0.4.0 and before, which knew the choices alone.
+    people: number of features of a person; 0 for the networks of versions up to 0.4.0, which have features of choices alone.
     """
 
     def __init__(self, choices: int, parts: int, people: int) -> None:
@@ -203,9 +209,9 @@ class ChoiceNetwork(nn.Module):
         return self._moment(self._rows(features))
 
     def with_people(self, choices: torch.Tensor, people: torch.Tensor) -> torch.Tensor:
-        """Choices (n, c, parts) with what all people (n, k, c, features) mean to each: sums and maxima over the set."""
+        """Choices (n, c, parts), each extended by the sum and the maximum of encodings of all people (n, k, c, features)."""
         found = self.person(people) * people[..., :1]
-        # A row of nobody adds nothing to the sum. The maximum has nobody beside the people, so that it exists without any.
+        # A padding row adds 0 to the sum. The maximum includes a row of zeros, so that it exists without people.
         nobody = torch.zeros_like(choices[:, :, :1]).unsqueeze(1).expand(-1, -1, -1, PERSON_WIDTH)
         most = torch.cat([found, nobody], dim=1).amax(dim=1)
         return torch.cat([choices, found.sum(dim=1) / PEOPLE_SCALE, most], dim=2)

@@ -49,7 +49,7 @@ class UnseenMap:
     def update(self, knowledge: TeamKnowledge, share: float) -> NDArray[np.int64]:
         """Update the density with the robots' fields of view, and return the nearest nodes (r,) of the roadmap.
 
-        share: how much of the difference to `traffic` recovers since the last update.
+        share: fraction of the difference to `traffic` that has recovered since the last update.
         """
         place = knowledge.place
         here = place.roadmap.nearest(knowledge.robots[:, :2])
@@ -79,7 +79,7 @@ class WaypointFeatures:
     def update(self, knowledge: TeamKnowledge) -> NDArray[np.float32]:
         """Features (r, CHOICES, FEATURES) of each robot and each of its new `goals`, mostly in [−1, 1].
 
-        * 0 to 2: share of people who are known and visible from the goal, while no, one, or more of the other robots see them.
+        * 0 to 2: share of people who are known and visible from the goal, and whom no, one, or several other robots see.
         * 3 to 5: expected share of unknown people, divided in the same way.
         * 6: path length to the goal over 5 m. 7: whether another robot is too close to the goal. 8: 1 for the choice to stay.
         """

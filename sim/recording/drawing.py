@@ -1,7 +1,7 @@
-"""Drawing of moments: the pictures of all lenses and cameras, and the people in them, by this process, by others, or by a Dask cluster.
+"""Drawing of moments (pictures of all lenses and cameras, and the people in them) by this process, by other processes, or by a Dask cluster.
 
-A Simulation cannot be pickled, and is not needed: a Moment has all that is drawn, in 34 kB. The simulation runs ahead. Images come back in their
-coded form, so that one process alone writes and notes them.
+A Simulation cannot be pickled, and is not needed: a Moment holds all that is drawn, in 34 kB. The simulation runs ahead. Images come back
+encoded, so that only one process writes and records them.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ from tracker.types import Boxes, Keypoints
 from worlds.engine import mujoco
 
 AHEAD = 3
-"""Parts for each process that wait, are drawn, or wait for an earlier one. A part is one moment here, and several of them on a cluster."""
+"""Parts per process that are queued, being drawn, or waiting for an earlier part. A part is one moment here, and several moments on a cluster."""
 SHORTEST, LONGEST = 8, 64
-"""Frames of a part. A part opens a renderer, which takes as long as 4 frames of four panoramas; a longer one holds more images in memory."""
+"""Frames of a part. A part opens a renderer, which takes as long as 4 frames of four panoramas; a longer part holds more images in memory."""
 PARTS = 2
 """Parts for each thread of the cluster, where their length allows it, so that threads end at about the same time."""
 _renderers: dict[Path, MomentRenderer] = {}
@@ -52,9 +52,9 @@ _renderers: dict[Path, MomentRenderer] = {}
 
 @dataclass(frozen=True, eq=False)
 class DrawnScene:
-    """What stays the same in a sequence: the model, the person (ngeom,) of each geom, rigs and shots, and the form of the images.
+    """The constants of a sequence: the model, the person (ngeom,) of each geom, rigs and shots, and the form of the images.
 
-    raw: whether pictures of lenses are handed back as pixels, since something is still to be done to them in the order of the frames.
+    raw: whether pictures of lenses are returned as pixels, because their further processing follows the order of the frames.
     """
 
     model: mujoco.MjModel
@@ -99,7 +99,7 @@ class MomentRenderer:
 
     def __init__(self, scene: DrawnScene) -> None:
         self.scene = scene
-        # A renderer of several cameras shares one buffer: their number and order change no pixel.
+        # All cameras of a renderer share one buffer; their number and order change no pixel.
         cameras = list(dict.fromkeys(shot.part.camera for shots in scene.shots for shot in shots))
         self._renderer = PanoramaRenderer(scene.model, cameras, scene.person_of_geom, classes(scene.model))
         self._index = {camera: k for k, camera in enumerate(cameras)}
@@ -156,7 +156,7 @@ class MomentRenderer:
 
 
 class _Picture:
-    """A picture that is put together from its parts and exposures."""
+    """A picture that is assembled from its parts and exposures."""
 
     def __init__(self, camera: Camera) -> None:
         self.camera = camera
@@ -226,7 +226,7 @@ class DrawingWorkers:
     folder: Path
 
     def draw(self, scene: DrawnScene, moments: Iterable[Moment | None]) -> Iterator[Drawn | None]:
-        """What is drawn of the moments, in their order; None for None. Raises WorkerLost where a worker ends, and what a worker raises."""
+        """The drawn moments, in their order; None for None. Raises WorkerLost where a worker ends, and the errors of workers."""
         file = self.folder / "scene"
         file.write_bytes(pickle.dumps(scene, pickle.HIGHEST_PROTOCOL))
         return drawn_in_order(([moment] for moment in moments), lambda part: self.executor.submit(_draw, file, part), AHEAD * self.count)
@@ -256,9 +256,9 @@ def _draw(scene: Path, moments: list[Moment]) -> list[Drawn]:
 def draw_on_cluster(
     scene: DrawnScene, moments: Iterable[Moment | None], missing: int, address: str, versions: dict[str, str]
 ) -> Iterator[Drawn | None]:
-    """As DrawingWorkers.draw, by the cluster whose scheduler has an address. Dask gives a part to another worker where one is lost.
+    """As DrawingWorkers.draw, by the cluster of the scheduler at `address`. Dask gives the part of a lost worker to another worker.
 
-    missing: the number of moments other than None. versions: package → version, which a worker must have, too.
+    missing: the number of moments other than None. versions: package → version, which a worker must also have.
     Raises ValueError and OSError as `cluster`.
     """
     with cluster(address) as (client, threads):
@@ -269,7 +269,7 @@ def draw_on_cluster(
 
 
 def part_length(missing: int, threads: int) -> int:
-    """The number of frames of a part, where `missing` are drawn by a number of threads."""
+    """The number of frames of a part, where `missing` frames are drawn by a number of threads."""
     return min(LONGEST, max(SHORTEST, math.ceil(missing / (PARTS * threads))))
 
 
@@ -292,7 +292,7 @@ def check_versions(needed: dict[str, str]) -> None:
 
 
 def drawn_in_order(parts: Iterable[list[Moment | None]], submit: Callable[[list[Moment]], Future[list[Drawn]]], most: int) -> Iterator[Drawn | None]:
-    """What is drawn of parts of moments, in their order; None for None. At most `most` parts wait, are drawn, or wait for an earlier one."""
+    """The drawn moments of parts, in their order; None for None. At most `most` parts are queued, being drawn, or waiting for an earlier part."""
     waiting: deque[tuple[list[Moment | None], Future[list[Drawn]] | None]] = deque()
     with losses():
         for part in parts:

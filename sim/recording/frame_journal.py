@@ -22,9 +22,9 @@ People = dict[str, tuple[Boxes, Keypoints]]
 class FrameJournal:
     """The journal in `folder`, with the frames whose images are whole. about: as of Journal.
 
-    resumes: whether an earlier one counts. found: whether there is one to resume.
+    resumes: whether an earlier journal counts. found: whether there is a journal to resume.
     drawn: frame → camera → boxes and key points. checksums: path → SHA-256 and bytes of its images.
-    As a context manager it writes the lines that count, then new ones, and is closed at the end.
+    As a context manager it writes the valid old lines, then new lines, and closes the file at the end.
     """
 
     def __init__(self, folder: Path, about: Mapping[str, Any], resumes: bool = True) -> None:
@@ -79,5 +79,5 @@ def _people(boxes: dict[str, Any], keypoints: dict[str, Any]) -> tuple[Boxes, Ke
 
 
 def _made(kind: Any, values: dict[str, Any]) -> Any:
-    """A value of fields; that without rows where there are none, since JSON knows no shape of an empty array."""
+    """An object from its fields; the empty object where there are no rows, since JSON does not keep the shapes of empty arrays."""
     return kind(**{name: np.array(value) for name, value in values.items()}) if values["person"] else kind.none()

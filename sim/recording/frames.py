@@ -1,6 +1,6 @@
-"""The one place where a frame is assembled: state of the simulation, truth of the views, and what sensors and detectors make of them.
+"""Assembly of all frames: state of the simulation, truth of the views, and outputs of sensors and detectors.
 
-The views are rendered (`record.py`, which can draw them later and elsewhere) or ray cast (`raycast_frames`).
+The views are rendered (`record.py`, which can draw them later and in other processes) or ray cast (`raycast_frames`).
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from tracker.types import Detections, Mount, Odometry, RobotDetections, SensorSa
 
 @dataclass(frozen=True, eq=False)
 class FrameState:
-    """What a simulation gives for one frame, before anything is seen.
+    """The output of a simulation for one frame, before that of cameras.
 
-    truth: without the views. odometry: by robot, empty at frame 0. companions: camera → the robots detected by it, None beside rovers.
-    samples: of the robots' own sensors since the frame before.
+    truth: without the views. odometry: by robot, empty at frame 0. companions: camera → the robots detected by it, None for fixed cameras.
+    samples: of the robots' own sensors since the previous frame.
     """
 
     truth: Truth
@@ -44,7 +44,7 @@ class FrameState:
 
     @property
     def people(self) -> People:
-        """Those who are present."""
+        """The people who are present."""
         assert self.truth.joints is not None
         return People(self.truth.person_id, self.truth.joints)
 
@@ -53,7 +53,7 @@ class FrameState:
 class Frame:
     """One frame: the tick for the tracker, the truth, and the truth of the view by camera.
 
-    pictures: camera that is not in step → the picture that it took since the frame before and that arrived. The tick has only the others.
+    pictures: unsynchronized camera → the picture that it took since the previous frame and that arrived. The tick has synchronized cameras only.
     images: by camera, empty without rendering. samples: as of FrameState. rows: of truth/rows.csv, empty where all rows show one time.
     """
 
@@ -67,14 +67,14 @@ class Frame:
 
 
 class TakenView(NamedTuple):
-    """A picture of a camera that is not in step, and the people found in it."""
+    """A picture of an unsynchronized camera, and the people found in it."""
 
     picture: TimedPicture
     detections: Detections
 
 
 class PastView(NamedTuple):
-    """A picture of a camera that is not in step, the truth of its view then, and feet (m, 3) m of all who are present."""
+    """A picture of an unsynchronized camera, the truth of its view at that time, and feet (m, 3) m of all people present."""
 
     picture: TimedPicture
     true: ViewTruth
@@ -84,7 +84,7 @@ class PastView(NamedTuple):
 def simulated_frames(simulation: Simulation, setup: Setup, sensors: RobotSensors | None = None) -> Iterator[FrameState]:
     """Advance a simulation frame by frame, from its current state as frame 0, and yield the state of every frame.
 
-    sensors: those of the scenario where they are made already.
+    sensors: those of the scenario, if they exist already; else they are made.
     """
     scenario = simulation.scenario
     sensors = sensors or RobotSensors.of(simulation, setup)
@@ -114,7 +114,7 @@ def _truth(index: int, simulation: Simulation, setup: Setup) -> Truth:
 
 @dataclass(frozen=True, eq=False)
 class Measurements:
-    """What is measured in one frame: by camera, but for odometry, by robot."""
+    """Measurements of one frame: odometry by robot, all others by camera."""
 
     detections: Mapping[str, Detections]
     odometry: Mapping[str, Odometry]
@@ -124,7 +124,7 @@ class Measurements:
 
 
 def tick_of(index: int, period: float, mounts: Mapping[str, Mount], measured: Measurements) -> Tick:
-    """The tick of a frame. The first view of a robot brings its odometry. period: s between frames."""
+    """The tick of a frame. The first view of a robot carries its odometry. period: s between frames."""
     views, odometry = [], dict(measured.odometry)
     for name, mount in mounts.items():
         if name not in measured.detections:
@@ -137,9 +137,9 @@ def tick_of(index: int, period: float, mounts: Mapping[str, Mount], measured: Me
 
 @final
 class ViewTimes:
-    """When the fixed cameras of a setup that are not in step with the frames take their pictures.
+    """Times at which the unsynchronized fixed cameras of a setup take their pictures.
 
-    pictures: camera → its pictures, those that do not arrive included. A robot stands for a fixed camera; all views of a rig are taken at once.
+    pictures: camera → its pictures, including those that do not arrive. A robot stands for a fixed camera; all views of a rig are taken at once.
     """
 
     def __init__(self, scenario: Scenario, setup: Setup) -> None:
@@ -153,7 +153,7 @@ class ViewTimes:
                 self._by_frame[math.ceil(picture.time / self._period - 1e-9)][name] = picture
 
     def at(self, frame: int) -> Mapping[str, TimedPicture]:
-        """Camera → the picture that it takes after the frame before and up to this one; cameras that are in step have none."""
+        """Camera → the picture that it takes after the previous frame and up to this frame, of unsynchronized cameras."""
         return self._by_frame.get(frame, {})
 
     def before(self, frame: int, picture: TimedPicture) -> float:
@@ -162,7 +162,7 @@ class ViewTimes:
 
 
 def clocks_of(scenario: Scenario, setup: Setup) -> dict[str, ViewClock]:
-    """Fixed camera → its clock, of those that are not in step. Raises ValueError for a clock of a camera that is not there."""
+    """Unsynchronized fixed camera → its clock. Raises ValueError for a clock of a missing camera."""
     if not scenario.view_clock:
         return {}
     clocks = parse_view_clocks(scenario.view_clock, scenario.rate)
@@ -174,7 +174,7 @@ def clocks_of(scenario: Scenario, setup: Setup) -> dict[str, ViewClock]:
 
 @final
 class FrameAssembler:
-    """Makes frames of states and the truth of their views. It draws the errors of the detectors: call it once a frame, in their order."""
+    """Makes frames from states and the truth of their views. It draws the errors of the detectors: call `frame` once per frame, in order."""
 
     def __init__(self, simulation: Simulation, setup: Setup) -> None:
         scenario = simulation.scenario
@@ -192,11 +192,11 @@ class FrameAssembler:
     ) -> Frame:
         """true: camera → truth of its view. images: camera → image, None where it is not needed or not rendered. sightings: camera → sightings.
 
-        past: the pictures that cameras that are not in step took since the frame before.
+        past: the pictures that unsynchronized cameras took since the previous frame.
         """
         person, feet, images = state.truth.person_id, state.truth.feet, images or {}
         found = {name: self._detectors[name].detect(true[name], person, feet) for name in self._mounts if name not in self.times.pictures}
-        # A picture that does not arrive takes its random numbers, so that the others are as without losses.
+        # A picture that does not arrive still draws its random numbers, so that losses do not change other pictures.
         seen = {name: TakenView(one.picture, self._detectors[name].detect(one.true, person, one.feet)) for name, one in (past or {}).items()}
         tick = tick_of(state.index, self._period, self._mounts, Measurements(found, state.odometry, sightings or {}, state.companions, images))
         truth = replace(state.truth, visible=_visible_fractions(person, [true[name] for name in self._mounts]))

@@ -1,8 +1,8 @@
-"""Run a scenario with rendered images, in memory or written as a sequence that can be killed at any moment and resumed within it.
+"""Run a scenario with rendered images, in memory or as a written sequence. A run that is killed at any moment can be resumed.
 
 Truth, instances and images of a frame come from the same state of one MjData, so that they have no lag.
-The simulation runs ahead and hands moments to the drawing, by this process, by workers or by a cluster. What is random is drawn here, in the order of
-the frames. A resumed run simulates from frame 0, which takes a fraction of the time of drawing, and skips the drawing of frames that are on disk.
+The simulation runs ahead and passes moments to the renderer in this process, in workers or on a cluster. Random numbers are drawn here, in the order
+of the frames. A resumed run simulates from frame 0, which takes a fraction of the time of drawing, and skips the drawing of frames that are on disk.
 """
 
 from __future__ import annotations
@@ -78,14 +78,14 @@ class SimulatedSequence:
 
     @property
     def scenario(self) -> Scenario:
-        """That of the simulation."""
+        """The scenario of the simulation."""
         return self.simulation.scenario
 
 
 def record(scenario: Scenario, folder: Path, progress: Any = None, workers: int = 1) -> None:
-    """Write the sequence of a scenario into the new or empty folder `folder`. Nothing is left there after an error, but for an OSError.
+    """Write the sequence of a scenario into the new or empty folder `folder`. After an error other than an OSError, nothing is left there.
 
-    A run that was killed, or ended by an OSError, is resumed at the first frame whose images are not there. With videos it starts anew.
+    A run that was killed, or ended by an OSError, is resumed at the first frame whose images are missing. With videos it starts anew.
     workers: number of processes that draw; with one, this process draws. The bytes do not depend on it.
     progress: wraps the iterator of frames (tqdm, for example), or None.
     Raises Kept for an OSError, with the place of unfinished files.
@@ -97,7 +97,7 @@ def record(scenario: Scenario, folder: Path, progress: Any = None, workers: int 
 
 
 def check_absent(folder: Path) -> None:
-    """Raises ValueError if `folder` exists and is no empty folder."""
+    """Raises ValueError if `folder` exists and is not an empty folder."""
     if not is_free(folder):
         raise ValueError(f"{folder}: is there already")
 
@@ -152,7 +152,7 @@ class _Frames:
                 self._add(writer, one)
 
     def _drawn(self, sensors: RobotSensors | None, stack: ExitStack) -> Iterator[Drawn | None]:
-        """What is drawn of each frame, in order; None for a frame that the journal has."""
+        """The drawn frames, in order; None for a frame that the journal has."""
         made, moments = self._recording, self._moments(sensors)
         missing = made.scenario.frames - len(self._journal.drawn)
         scene = DrawnScene.of(made.simulation, self._plan, made.form, self._raw)

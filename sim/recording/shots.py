@@ -1,8 +1,8 @@
-"""What is rendered in each frame: shots of all cameras at the times of their rows, and the state of the scene. What cameras make of it.
+"""What is rendered in each frame: shots of all cameras at the times of their rows, scene states, and effects of cameras on colours.
 
-The time of a frame is the end of its last row's exposure, since the simulation knows the past alone. A row's truth, instances and range, is that of
-the middle of its exposure. Rows within a physics step are rendered together, at the time of their middle row.
-Every camera is a rig: an ideal one has a single lens and one shot, at the time of the frame.
+The time of a frame is the end of its last row's exposure, since the simulation has only past states. The truth of a row (instances and range) is
+that of the middle of its exposure. Rows within a physics step are rendered together, at the time of their middle row.
+Every camera is a rig: an ideal camera has a single lens and one shot, at the time of the frame.
 Colours have effects of the lens, exposure, stitching, and effects of processing. Their random numbers are drawn frame by frame, in order.
 """
 
@@ -122,7 +122,7 @@ def _lens_parts(camera: Any, times: ShutterTimes) -> tuple[ShutterPart, ...]:
 
 @lru_cache(maxsize=64)
 def half_parts(half: HalfPanorama, times: ShutterTimes) -> tuple[ShutterPart, ...]:
-    """The parts of what a lens contributes to a stitched panorama: a pixel is exposed with the lens' row that it takes."""
+    """The parts of a lens' half of a stitched panorama. A pixel is exposed with the row of the lens from which it is sampled."""
     lens = half.stitching.lens
     u, v = np.meshgrid(np.arange(half.width) + 0.5, np.arange(half.height) + 0.5)
     own = ~half.blind(np.stack([u.ravel(), v.ravel()], axis=1)).reshape(half.height, half.width)
@@ -133,7 +133,7 @@ def half_parts(half: HalfPanorama, times: ShutterTimes) -> tuple[ShutterPart, ..
 
 @dataclass(frozen=True, eq=False)
 class PartShot:
-    """One rendering: a part of the picture `name`, whose camera is `whole`, from a place on a robot. truth: whether it gives the truth, too."""
+    """One rendering: a part of the picture `name`, whose camera is `whole`, from a pose on a robot. truth: whether it also gives the truth."""
 
     name: str
     whole: Camera
@@ -215,7 +215,7 @@ class ShotPlan:
         return self._simulation.T_world_robot(robot, data) if robot in self._simulation.robots else state.truth.T_world_robot[robot]
 
     def rows(self, state: FrameState) -> list[list[object]]:
-        """Rows of truth/rows.csv of the current frame: frame, camera, first row, end, time s, and the pose of the camera at it."""
+        """Rows of truth/rows.csv of the current frame: frame, camera, first row, end, time s, and the pose of the camera at this time."""
         out: list[list[object]] = []
         for mounted in self.rigs if self._moves else ():
             for lens in mounted.rig.lenses:
@@ -286,7 +286,7 @@ class CameraColours:
         return out
 
     def skip(self) -> None:
-        """Draw the random numbers of the next frame, whose images are known."""
+        """Draw the random numbers of the next frame, whose images are on disk."""
         for mounted in self._rigs:
             for lens in mounted.rig.lenses:
                 self._captured(mounted.name + lens.suffix, np.zeros((lens.camera.height, lens.camera.width, 3), np.uint8))

@@ -1,4 +1,4 @@
-"""The setup that the tracker gets before the first frame of a simulation, with mounts of cameras that are true or off."""
+"""The setup that the tracker gets before the first frame of a simulation, with true or erroneous camera mounts."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from worlds.world import World
 START_SIGMA = np.array([0.01, 0.01, 0.01, 0.003, 0.003, 0.005])
 
 OWN_BODY_CELLS, OWN_BODY_REACH = (120, 60), 3.0
-"""Columns and rows of the mask of a robot's own body, and how far it is looked for, m."""
+"""Columns and rows of the mask of a robot's own body, and the range within which it is searched, m."""
 
 
 def _exposed(scenario: Scenario, rig: Rig, view: RigView) -> tuple[float, float]:
@@ -80,7 +80,7 @@ def make_setup(simulation: Simulation, fixed: Mapping[str, RecordingCamera] | No
 
 
 def _own_body(simulation: Simulation, mount: Mount) -> Mask | None:
-    """Where a camera sees its robot at rest; None for rovers, whose bodies are below all that people show of themselves."""
+    """Where a camera sees its robot at rest; None for rovers, whose bodies are below all lines of sight to people."""
     if not simulation.is_of_user(mount.robot):
         return None
     eye, lens = simulation.T_world_robot(mount.robot) @ mount.T_body_camera, Panorama(*OWN_BODY_CELLS)
@@ -92,9 +92,9 @@ def _own_body(simulation: Simulation, mount: Mount) -> Mask | None:
 
 
 def told_setup(simulation: Simulation, true: Setup) -> Setup:
-    """The setup that the tracker is told: every rig is turned by mount_angle about a random axis, and moved by mount_shift in a random direction.
+    """The setup given to the tracker: every rig is turned by mount_angle about a random axis, and moved by mount_shift in a random direction.
 
-    The lenses of a rig move together. Axis and direction are of the stream "calibration/NAME". Without these effects it is the true one.
+    The lenses of a rig move together. Axis and direction come from the stream "calibration/NAME". Without these effects it is the true setup.
     """
     scenario = simulation.scenario
     effects = scenario.camera_effects

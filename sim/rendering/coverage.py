@@ -1,4 +1,4 @@
-"""Unoccluded extents of single bodies: pixel counts and boxes, decoded from a buffer with one bit a body."""
+"""Unoccluded extents of single bodies: pixel counts and boxes, decoded from a buffer with one bit per body."""
 
 from __future__ import annotations
 

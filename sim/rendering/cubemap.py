@@ -157,7 +157,7 @@ class Face:
 
     @property
     def resolution(self) -> float:
-        """Texels a radian at the centre."""
+        """Texels per radian at the centre."""
         return float((np.array([self.width, self.height]) / (self.high - self.low)).max())
 
     @property
@@ -193,7 +193,7 @@ class FaceTable:
 
     @staticmethod
     def make(camera: Camera) -> FaceTable:
-        """The table of a camera; a face has one texel along a pixel where they are fewest. Fewer skip parts of the scene, more smooth the image.
+        """The table of a camera. The finest pixel of a face spans one texel, and coarser pixels span more.
 
         Raises ValueError if more than LARGEST_BLIND_SHARE of a pinhole's image is blind.
         """

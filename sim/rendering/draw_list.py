@@ -106,7 +106,7 @@ class DrawList:
     def visible_from(self, pose: Pose, planes: Array, resolution: float, among: Indices | None = None) -> list[DrawCommands]:
         """Draw commands of n faces of a camera at `pose` (T_world_camera), near shapes first.
 
-        planes (n, 5, 3): inward normals of the faces. resolution: pixels a radian. among: candidate records, all where None.
+        planes (n, 5, 3): inward normals of the faces. resolution: pixels per radian. among: candidate records, all where None.
         """
         records = np.flatnonzero(self.present) if among is None else among[self.present[among]]
         normals = planes.reshape(-1, 3) @ pose.rotation.T
@@ -209,7 +209,7 @@ def _materials(model: mujoco.MjModel, geom: Indices, records: NDArray[np.void]) 
 def classes(model: mujoco.MjModel) -> NDArray[np.uint8]:
     """Class (ngeom,) of every geom, from its name or its body's name; 0 for geoms that are not drawn.
 
-    A geom of a user's MJCF has a prefix in its name, or none. Words in the names of its body, material and geom tell its class.
+    A geom of a user's MJCF has a name with a prefix, or no name. Words in the names of its body, material and geom determine its class.
     Raises ValueError for a drawn geom of another name that worlds.semantics does not know.
     """
     out = np.zeros(model.ngeom, np.uint8)

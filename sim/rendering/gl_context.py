@@ -160,7 +160,7 @@ def _check(backend: str) -> None:
 
 
 def gl_information(context: Any) -> GLInformation:
-    """What the driver of `context` reports. The context becomes current."""
+    """The information that the driver of `context` reports. The context becomes current."""
     context.make_current()
     from OpenGL import GL  # PYOPENGL_PLATFORM is set only once a context exists
 

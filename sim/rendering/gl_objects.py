@@ -1,4 +1,4 @@
-"""Objects of OpenGL: programs, framebuffers, shadow maps and textures of a model, and what passes between them and the driver."""
+"""Objects of OpenGL: programs, framebuffers, shadow maps and textures of a model, and counts of the traffic with the driver."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ NEEDED = ("GL_ARB_multi_draw_indirect", "GL_ARB_clip_control", "GL_ARB_base_inst
 
 @dataclass
 class DriverTraffic:
-    """What passed between the program and the driver: uploads of buffers, draw calls and read-backs, with their bytes.
+    """Traffic between the program and the driver: uploads of buffers, draw calls and read-backs, with their bytes.
 
     A read-back waits until the driver has drawn all that was asked before, so it is a point of synchronization.
     """
@@ -132,7 +132,7 @@ def texture_of(GL: Any, model: mujoco.MjModel, number: int) -> int:
 
 
 def _sides(GL: Any, flat: bool, pixels: NDArray[np.uint8]) -> Iterable[tuple[int, NDArray[np.uint8]]]:
-    """Targets and pixels: one for a 2-D texture, six for a cube texture. A cube texture of one square has it on all sides."""
+    """Targets and pixels: one for a 2-D texture, six for a cube texture. A cube texture with a single square repeats it on all sides."""
     if flat:
         return [(GL.GL_TEXTURE_2D, pixels)]
     side = pixels.shape[1]

@@ -1,7 +1,7 @@
 """Renderer in OpenGL: uploads a model's shapes, textures and lights, and draws faces into one framebuffer.
 
 One pass draws the colour, the geom code and the depth of a face. All commands of one surface are one indirect draw call.
-It needs OpenGL 4.3 and clip control, which Mesa's software renderers have, too.
+It needs OpenGL 4.3 and clip control, which Mesa's software renderers support.
 """
 
 from __future__ import annotations

@@ -94,7 +94,7 @@ class PanoramaRenderer:
 
     @property
     def traffic(self) -> DriverTraffic:
-        """What passed between this renderer and the driver since the scene was uploaded."""
+        """Traffic between this renderer and the driver since the scene was uploaded."""
         return replace(self._renderer.traffic)
 
     def render(self, data: mujoco.MjData, poses: Sequence[Pose], which: Sequence[int] | None = None) -> list[RenderedImage]:

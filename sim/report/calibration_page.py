@@ -1,4 +1,4 @@
-"""The page of a calibration: what was found of each camera and how surely, what is not known, and pictures before and after."""
+"""The page of a calibration: parameters of each camera with deviations, undetermined parameters, and pictures before and after."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ FIGURES = {
 
 
 def write_calibration_page(target: Path, found: Calibration, pictures: Mapping[str, tuple[str, bytes]], command: str) -> None:
-    """Write the page. pictures: heading → what `check` says of that calibration, and its picture, the bytes of a PNG file."""
+    """Write the page. pictures: heading → the findings of `check` on that calibration, and its picture as bytes of a PNG file."""
     changes = [*(("Not known", line) for line in found.problems), *(("Changed", line) for line in found.changes)]
     names: dict[str, Any] = {
         "title": f"Calibration: {', '.join(found.cameras)}",

@@ -172,7 +172,7 @@ def _by_chance(found: PairedComparison) -> list[str]:
 
 
 def to_json(found: PairedComparison) -> dict[str, Any]:
-    """The comparison as JSON values. An entrant is a compared tracker, and alone counts rows without a partner."""
+    """The comparison as JSON values: `entrant` is a compared tracker, and `alone` counts rows without a partner."""
 
     def plain(one: ScoreDifference) -> dict[str, Any]:
         means = {"id": one.id, "measure": one.measure.name, "reference": one.reference, "entrant": one.compared, "pairs": one.pairs}

@@ -13,8 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.confidence_intervals import Interval, bounds_of, mean_interval, paired, student_interval
-from sim.report.rows import KINDS, STAGES, Row, Rows, Setting, SweepRows
-from sim.stress.sweeps import KNOWN_SWEEPS
+from sim.prediction import KINDS
+from sim.report.rows import Row, Rows, Setting, SweepRows
+from sim.stress.ablation import STAGES
+from sim.stress.sweeps import KNOWN_SWEEPS, RECORDING_SWEEPS
 
 REAL = "pets"
 """The sweep that compares a real sequence, PETS 2009 S2.L1, with its simulated twin."""
@@ -100,7 +102,7 @@ def finding(sweep: SweepRows, tracker: str) -> Finding | None:
 
 
 def _means(sweep: SweepRows, tracker: str, name: str) -> list[tuple[Setting, Interval]]:
-    """The settings that have a score, with its means."""
+    """The settings that have the score `name`, with its mean."""
     return [(s, mean) for s in sweep.ordered() if (mean := s.mean(tracker, name))]
 
 
@@ -267,11 +269,18 @@ def predicted(sweep: SweepRows, tracker: str) -> str:
     return f"{'; '.join(sentences)}. One sequence cannot show how well simulation predicts other sequences.".replace("(-", "(−")
 
 
+def real(rows: Rows) -> str:
+    """Sentences on the scores of a real sequence and its twin. Empty where neither has one."""
+    tracker = rows.trackers[0]
+    found = [f for sweep in rows.sweeps() if sweep.name == REAL and (f := finding(sweep, tracker))]
+    return " ".join(predicted(one.sweep, tracker) or change(one) for one in found)
+
+
 def headline(rows: Rows) -> str:
     """The most important finding, in one or two sentences."""
     found = findings(rows, rows.trackers[0])
     if not found:
-        return "No run has a score, so there is no finding. See the runs that failed."
+        return real(rows) or "No run has a score, so there is no finding. See the runs that failed."
     first = found[0]
     if first.difference and first.difference.verdict == "one seed":
         ends = f"{first.high.mean:.2f} at {at(first.best)} and {first.low.mean:.2f} at {at(first.worst)}"
@@ -290,6 +299,8 @@ def summary(rows: Rows) -> list[tuple[str, str]]:
     found = findings(rows, tracker)
     sections = [("What was tested", tested(rows)), ("The score", SCORE)]
     if not found:
+        if scored := real(rows):
+            return [*sections, ("Results", scored), ("Certainty", certainty(rows))]
         return [*sections, ("Results", f"Every run failed or has no score: {chief_error(rows)}.")]
     worst, where = found[0].worst.of(tracker), at(found[0].worst)
     sections += [("Largest effect", broke(found)), ("Causes", f"{reasons(worst, where)} {owner(worst, where)}".strip())]
@@ -303,21 +314,28 @@ def tested(rows: Rows) -> str:
     """What was tested: worlds, trackers, sweeps, and the number of runs."""
     sweeps, whole = rows.sweeps(), rows.rows
     settings, seeds = sum(len(sweep.settings) for sweep in sweeps), len({row.seed for row in whole})
-    simulated = [row for row in whole if row.sweep != REAL]
+    recorded = [row for row in whole if row.sweep in RECORDING_SWEEPS]
+    simulated = [row for row in whole if row.sweep not in (REAL, *RECORDING_SWEEPS)]
     worlds = sorted({str(row.scenario["world"]) for row in simulated if "world" in row.scenario})
-    frames = sorted({row.frames for row in simulated if row.frames})
+    frames = sorted({row.frames for row in simulated + recorded if row.frames})
     ours = [sweep for sweep in sweeps if sweep.name != REAL]
     names = listed(spread(sweep) for sweep in ours[:4]) + (f" and {len(ours) - 4} more" if len(ours) > 4 else "")
-    text = f"Tracking of people by {cameras_of(simulated)}, in simulation with known truth"
-    text += f"{' (world' + 's' * (len(worlds) > 1) + ' ' + listed(worlds) + ')' if worlds else ''}; tracker: {listed(rows.trackers)}. "
+    seen = ["the cameras of a recording with known truth"] if recorded else []
+    if simulated:
+        named = f" (world{'s' * (len(worlds) > 1)} {listed(worlds)})" if worlds else ""
+        seen = [f"{cameras_of(simulated)}, in simulation with known truth{named}", *seen]
+    text = f"Tracking of people{f' by {listed(seen)}' if seen else ''}; tracker: {listed(rows.trackers)}. "
     if ours:
         text += f"One parameter is varied: {names}. " if len(ours) == 1 else f"{len(ours)} sweeps, each of one parameter: {names}. "
-    text += "".join(f"Also {spread(sweep)}. " for sweep in sweeps if sweep.name == REAL)
+    text += "".join(f"{'Also a' if ours else 'A'}{spread(sweep)[1:]}. " for sweep in sweeps if sweep.name == REAL)
     text += f"{plural(len(whole), 'run')} of {plural(settings, 'setting')} and {plural(seeds, 'seed')}"
-    text += f", {' or '.join(map(str, frames))} frames each" if frames else ""
-    if frames and len(simulated) < len(whole):
+    # A recording may be shorter.
+    text += f", {'at most ' * bool(recorded)}{' or '.join(map(str, frames))} frames each" if frames else ""
+    if frames and len(ours) < len(sweeps):
         text += ", the real sequence and its twin at their own length"
-    rendered = {row.rendered for row in whole}
+    if not simulated:
+        return f"{text}."
+    rendered = {row.rendered for row in whole if row.sweep not in RECORDING_SWEEPS}
     rendering = {True: "images were rendered", False: "detections were simulated without rendering"}
     return f"{text}; {rendering[rendered.pop()] if len(rendered) == 1 else 'some were rendered, some not'}."
 
@@ -350,19 +368,23 @@ def limits(first: Finding) -> str:
     sentences = []
     seen = [row.limits["visible_recall"] for row in rows if "visible_recall" in row.limits]
     if seen:
-        sentences.append(f"At {at(first.worst)}, robots see {100 * np.mean(seen):.0f} % of the true positions; no tracker can find more.")
+        # Scenarios of rooms have no robots, and the cameras of a recording are not those of its scenario.
+        who = "cameras" if first.sweep.name in RECORDING_SWEEPS or not any(row.scenario.get("robots", True) for row in rows) else "robots"
+        sentences.append(f"At {at(first.worst)}, {who} see {100 * np.mean(seen):.0f} % of the true positions; no tracker can find more.")
         every = [row.scores["mota_all"] for row in rows if "mota_all" in row.scores]
         if every:
             sentences.append(f"Over all people, seen or not, MOTA is {mean_interval(every, bounds=bounds_of('mota_all')).text()}.")
     ratio = [row.scores["efficiency"] for row in rows if "efficiency" in row.scores]
     if ratio:
         sentences.append(f"The ATE of the robots is {mean_interval(ratio, bounds=bounds_of('efficiency')).text(1)} times the Cramér-Rao bound.")
-    charted = [(row.scores["map_aligned_m"], row.scores["map_complete"], row.scores["map_ghosts"]) for row in rows if row.scores.get("map_aligned_m")]
+    charted = [row.scores for row in rows if row.scores.get("map_aligned_m")]
     if charted:
-        errors, share, ghosts = zip(*charted, strict=True)
-        error = mean_interval(errors, bounds=bounds_of("map_aligned_m")).text()
-        sentences.append(f"The error of landmarks is {error} m; {100 * np.mean(share):.0f} % of those seen often are mapped.")
-        sentences.append(f"Ghosts are {100 * np.mean(ghosts):.0f} % of the map.")
+        error = mean_interval([scores["map_aligned_m"] for scores in charted], bounds=bounds_of("map_aligned_m")).text()
+        # Unknown where no landmark was seen often.
+        share = [scores["map_complete"] for scores in charted if "map_complete" in scores]
+        mapped = f"; {100 * np.mean(share):.0f} % of those seen often are mapped" if share else ""
+        sentences.append(f"The error of landmarks is {error} m{mapped}.")
+        sentences.append(f"Ghosts are {100 * np.mean([scores['map_ghosts'] for scores in charted]):.0f} % of the map.")
     places = [(row.scores["motp_m"], row.limits["target_bound_m"]) for row in rows if "motp_m" in row.scores and "target_bound_m" in row.limits]
     if places:
         errors, least = zip(*places, strict=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 import json
+import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,7 +41,9 @@ from sim.report.findings import (
     summary,
 )
 from sim.report.plots import Plot, name_of, overview, plots_of, save, shortened
-from sim.report.rows import STAGES, Row, Rows, Setting, SweepRows, read_beside
+from sim.report.rows import Row, Rows, Setting, SweepRows, read_beside
+from sim.stress.ablation import STAGES
+from sim.stress.result_rows import RESULTS
 from sim.stress.sweeps import KNOWN_SWEEPS
 from tracker.geometry import Image
 from tracker.io.atomic import write_text
@@ -138,7 +141,7 @@ def _images(folder: Path, row: Row, moment: dict[str, Any]) -> tuple[list[Any], 
 
 
 def video(frames: Sequence[Image], seconds: float, quality: int) -> Picture:
-    """Frames (h, w, 3) RGB as an animated WebP, which browsers show as a picture that moves, again and again. seconds: of a frame."""
+    """Frames (h, w, 3) RGB as an animated WebP, which browsers show in a loop. seconds: duration of a frame."""
     animation = cv2.Animation()
     animation.frames = [cv2.cvtColor(frame, cv2.COLOR_RGB2BGR) for frame in frames]
     animation.durations = [round(1000 * seconds)] * len(frames)
@@ -168,7 +171,7 @@ class PageFigure:
 
     @staticmethod
     def of(plot: Plot, svg: str) -> PageFigure:
-        # A screen reader reads the label, and then does not spell out the letters within the picture.
+        # A screen reader reads the label, and not the single letters within the picture.
         labelled = svg.replace("<svg", f'<svg role="img" aria-label="{escape(plot.in_words())}"', 1)
         return PageFigure(f"plot-{plot.name}", Markup(labelled), f"{plot.note} File: {plot.name}.")
 
@@ -222,7 +225,8 @@ def write_report(folder: Path, out: Path | None = None, others: Sequence[Path] =
     plots = [*overview(rows), *(plot for sweep in rows.sweeps() for plot in plots_of(sweep, rows.trackers))]
     target.parent.mkdir(parents=True, exist_ok=True)
     figures = draw_figures(progress_bar(plots, desc="plots", unit="plot", disable=len(plots) < 8), folder / "report")
-    write_text(target, render(_names(rows, figures, album)))
+    command = shlex.join(["pilsim", "report", str(rows.folder), *(["--beside", *map(str, others)] if others else [])])
+    write_text(target, render(_names(rows, figures, album) | {"commands": "\n".join([*dict.fromkeys(row.command for row in rows.rows), command])}))
     return target
 
 
@@ -239,7 +243,7 @@ def render(names: dict[str, Any]) -> str:
 
 
 def _names(rows: Rows, figures: Mapping[str, PageFigure], album: list[Entry]) -> dict[str, Any]:
-    """The names that the template uses, and what they hold."""
+    """Name → value of each variable of the template."""
     sections = {_anchor(sweep): _title(sweep) for sweep in rows.sweeps()}
     sections |= {"moments": "Worst moments"} if album else {}
     worst = findings(rows, rows.trackers[0])[:1]
@@ -257,11 +261,10 @@ def _names(rows: Rows, figures: Mapping[str, PageFigure], album: list[Entry]) ->
         "about_moments": ABOUT_MOMENTS,
         "moments": [_moment(k, entry) for k, entry in enumerate(album, 1)],
         "failed": _failed(rows.failed),
-        "failed_unlisted": max(len(rows.failed) - MOST_FAILED, 0),
+        "failed_unlisted": more(len(rows.failed) - MOST_FAILED, RESULTS),
         "tables": [found for sweep in rows.sweeps() for tracker in rows.trackers if (found := _tables(sweep, tracker))],
         "glossary": GLOSSARY,
         "causes": [(cause, meaning) for cause, meaning in CAUSES.items() if cause in occurring],
-        "commands": "\n".join([*dict.fromkeys(row.command for row in rows.rows), f"pilsim report {rows.folder}"]),
         "about_commands": ABOUT_COMMANDS,
         "provenance": _provenance(rows),
         "plots_beside": True,
@@ -295,7 +298,7 @@ def _sweep(sweep: SweepRows, trackers: list[str], figures: list[PageFigure]) -> 
         worst = found.worst.of(tracker)
         name = f"MOTA of {tracker}" if len(trackers) > 1 else "MOTA"
         if sweep.name == REAL:
-            sentences += [part for part in (predicted(sweep, tracker),) if part]
+            sentences.append(predicted(sweep, tracker) or change(found, name))
             continue
         where = at(found.worst)
         sentences += [
@@ -354,6 +357,11 @@ def _failed(failed: Sequence[Row]) -> PageTable | None:
     body = tuple((row.id, shortened(row.value), str(row.seed), row.tracker, str(row.error)) for row in failed[:MOST_FAILED])
     caption = "Runs without scores, with their errors"
     return PageTable(caption, ("setting", "value", "seed", "tracker", "error"), body) if body else None
+
+
+def more(count: int, file: str) -> str:
+    """A sentence on failures that are not listed. Empty where there are none."""
+    return f"{count} more are in {file}." if count > 0 else ""
 
 
 def _provenance(rows: Rows) -> list[PageTable]:

@@ -19,9 +19,9 @@ from tracker.io.atomic import write_text
 
 PAGE = "index.html"
 FRAMES, WIDTH, QUALITY = 120, 480, 60
-"""Most frames of a video, evenly spread; its px; quality of WebP."""
+"""Largest number of frames of a video, evenly spread; its width, px; quality of WebP."""
 SECONDS = 0.125
-"""Of a frame: four times as fast as the episode."""
+"""s: duration of a frame. The video runs four times as fast as the episode."""
 GLOSSARY = (
     ("Information", "expected information about the place of a person, nats: 0 for somebody lost, 5 to 6 for somebody seen well."),
     ("HOTA, IDF1, MOTA", "scores of the tracker on the ground with distances of at most 1 m. Everybody counts, seen or not."),
@@ -37,12 +37,16 @@ ABOUT_EPISODES = (
 
 @dataclass(frozen=True, eq=False)
 class PlacementRun:
-    """What was played: the results of each world, options of the environment without the world, decisions of an episode, and the command."""
+    """The episodes that were played: results by world, options of the environment without the world, decisions of an episode, and the command."""
 
     results: Mapping[str, Sequence[EpisodeResult]]
     options: Mapping[str, Any]
     steps: int
     command: str
+
+    def options_in(self, world: str) -> dict[str, Any]:
+        """Options of the environment for the results of a world. Those of a preset in its own world bear the name of the preset."""
+        return dict(self.options) if world == self.options.get("density") else {**self.options, "world": world}
 
 
 def write_placement_page(run: PlacementRun, folder: Path) -> Path:
@@ -53,7 +57,7 @@ def write_placement_page(run: PlacementRun, folder: Path) -> Path:
 
 
 def _names(run: PlacementRun) -> dict[str, Any]:
-    """The names that the template uses, and what they hold."""
+    """Name → value of each variable of the template."""
     moments = [moment for world, results in run.results.items() for moment in _moments(run, world, results)]
     count = sum(map(len, run.results.values()))
     return {
@@ -119,9 +123,7 @@ def _played(run: PlacementRun, world: str, result: EpisodeResult) -> list[Any]:
     """Plan views (h, WIDTH, 3) RGB along an episode, which is played again."""
     wanted = set(np.linspace(1, run.steps, min(FRAMES, run.steps)).round().astype(int).tolist())
     out = []
-    # A preset has a world of its own.
-    options = dict(run.options) if "density" in run.options else {**run.options, "world": world}
-    for k, episode in enumerate(play(result.policy, result.seed, options, run.steps)):
+    for k, episode in enumerate(play(result.policy, result.seed, run.options_in(world), run.steps)):
         if k in wanted:
             picture = draw_plan(episode)
             out.append(cv2.resize(picture, (WIDTH, round(WIDTH * picture.shape[0] / picture.shape[1])), interpolation=cv2.INTER_AREA))

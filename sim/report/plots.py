@@ -18,8 +18,10 @@ import matplotlib.ticker
 import numpy as np
 
 from sim.confidence_intervals import Interval
+from sim.prediction import KINDS
 from sim.report.findings import causes_of, findings, stages
-from sim.report.rows import KINDS, STAGES, Rows, Setting, SweepRows
+from sim.report.rows import Rows, Setting, SweepRows
+from sim.stress.ablation import STAGES
 from sim.stress.sweeps import KNOWN_SWEEPS
 from tracker.io.atomic import new_file
 

@@ -14,7 +14,7 @@ from sim.report.plots import Bars, Line, Plot
 from tracker.io.atomic import write_text
 
 WORDS = ("MOTA", "IDF1", "MOTP", "Switch")
-"""What the page takes of the glossary of stress tests."""
+"""Entries of the glossary of stress tests that the page uses."""
 GLOSSARY_OF_PREDICTIONS = (
     ("HOTA", "the geometric mean of detection and association accuracy over distances, from 0 to 1."),
     ("Twin", "the true people before the real cameras, with boxes that a detector model makes in place of the real ones."),
@@ -67,7 +67,7 @@ def plots(found: Prediction) -> list[Plot]:
 
 
 def _names(path: Path, record: PredictionRecord, figures: dict[str, PageFigure]) -> dict[str, Any]:
-    """The names that the template uses, and what they hold."""
+    """Name → value of each variable of the template."""
     found = record.found
     kinds = [kind for kind in KINDS if kind.replace(" ", "-") in figures]
     sections = {f"errors-{kind.replace(' ', '-')}": f"{kind[:1].upper()}{kind[1:]}" for kind in kinds}

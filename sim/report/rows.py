@@ -13,9 +13,6 @@ from sim.confidence_intervals import Interval, bounds_of, mean_interval
 from sim.stress.result_rows import RESULTS, read_result_rows
 from tracker.io.json_files import JsonObject
 
-KINDS = ("misses", "false positives", "switches")
-STAGES = ("poses", "detections", "association", "terrain")
-
 
 @dataclass(frozen=True, eq=False)
 class Row:
@@ -35,7 +32,6 @@ class Row:
     options: dict[str, Any]
     scenario: dict[str, Any]
     rendered: bool
-    seconds: float | None
     error: str | None
     scores: dict[str, float]
     limits: dict[str, float]
@@ -154,7 +150,7 @@ def read_rows(folder: Path) -> Rows:
 
 
 def read_beside(folders: Sequence[Path]) -> Rows:
-    """The rows of several folders as those of one, the first. A tracker has the name of its folder, before its own where there are several of them.
+    """The rows of several folders as those of the first. A tracker is named after its folder, with its own name appended where there are several.
 
     Moments are those of the first folder, where their pictures are. Raises ValueError as `read_rows`, and for folders of the same name.
     """
@@ -196,7 +192,6 @@ def _row(row: JsonObject) -> Row:
         options=tracker.get("options") or {},
         scenario=row.a("scenario", dict),
         rendered=row.a("rendered", bool),
-        seconds=JsonObject({"seconds": row.values.get("seconds")}, where).numbers().get("seconds"),
         error=row.maybe("error", str),
         scores=scores,
         limits=limits,

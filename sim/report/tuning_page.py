@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import math
-import shlex
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -17,7 +16,7 @@ import numpy as np
 
 from sim.confidence_intervals import Interval, bounds_of, mean_interval
 from sim.report.findings import plural
-from sim.report.page import PageFigure, PageMoment, PageSweep, PageTable, Picture, draw_figures, jpeg, render
+from sim.report.page import PageFigure, PageMoment, PageSweep, PageTable, Picture, draw_figures, jpeg, more, render
 from sim.report.plots import Bars, Line, Plot
 from sim.tuning.case_file import PopulationCase
 from sim.tuning.search import SearchPlan
@@ -47,15 +46,18 @@ ABOUT_WORST = (
 )
 
 COLUMNS = 3
-"""Panels of a picture of a case in a row."""
+"""Panels per row in the picture of a case."""
 MOST_VIEWS = 5
-"""Cameras that are drawn."""
+"""Largest number of cameras that are drawn."""
 
 
-def write_tuning_page(plan: SearchPlan, found: TunedResult) -> Path:
-    """Write index.html into the folder of a search, with its plots as PNG and CSV and pictures of the worst cases. Returns the path of the page."""
+def write_tuning_page(plan: SearchPlan, found: TunedResult, command: str) -> Path:
+    """Write index.html into the folder of a search, with its plots as PNG and CSV and pictures of the worst cases. Returns the path of the page.
+
+    command: the command line that continues the search.
+    """
     target = plan.folder / PAGE
-    write_text(target, render(_names(plan, found, draw_figures(_plots(plan, found), plan.folder / PLOTS))))
+    write_text(target, render(_names(plan, found, draw_figures(_plots(plan, found), plan.folder / PLOTS)) | {"commands": command}))
     return target
 
 
@@ -105,7 +107,7 @@ def _slice(one: SearchRange, plan: SearchPlan, found: TunedResult) -> Plot | Non
 
 
 def _names(plan: SearchPlan, found: TunedResult, figures: dict[str, PageFigure]) -> dict[str, Any]:
-    """The names that the template uses, and what they hold."""
+    """Name → value of each variable of the template."""
     sections = {"gains": "Gain on other cases"} if "gains" in figures else {}
     slices = [figure for name, figure in figures.items() if name.startswith("slice-")]
     sections |= {"slices": "Parameters"} if slices else {}
@@ -126,11 +128,10 @@ def _names(plan: SearchPlan, found: TunedResult, figures: dict[str, PageFigure])
         "about_moments": ABOUT_WORST,
         "moments": moments,
         "failed": failed if (failed := PageTable(FAILED, ("error",), tuple((error,) for error in found.errors[:MOST_FAILED]))).body else None,
-        "failed_unlisted": max(len(found.errors) - MOST_FAILED, 0),
+        "failed_unlisted": more(len(found.errors) - MOST_FAILED, "study.db"),
         "tables": _tables(plan, found),
         "glossary": GLOSSARY,
         "about_commands": "The same command continues the search. With one worker, it makes the same trials in another folder.",
-        "commands": _command(plan),
         "plots_beside": True,
         "made_by": "pilsim tune",
         "made_from": plural(found.trials, "trial"),
@@ -196,12 +197,6 @@ def _tables(plan: SearchPlan, found: TunedResult) -> list[tuple[str, list[PageTa
     return [*out, ("Other cases", [PageTable("Means over the cases of a kind", head, tuple(tuple(row) for row in body))])]
 
 
-def _command(plan: SearchPlan) -> str:
-    words = ["pilsim", "tune", "--population", str(plan.cases), "--seed", str(plan.source.seed), "--objective", plan.objective]
-    words += ["--sampler", plan.sampler, "--out", str(plan.folder)]
-    return shlex.join([*words, *(["--tracker", plan.tracker] if plan.tracker else [])])
-
-
 def _case_picture(case: PopulationCase) -> bytes:
     """A PNG of the middle frame: a plan with true paths, and the boxes of each camera."""
     recording, frame = case.recording, case.recording.frames // 2
@@ -236,7 +231,7 @@ def _draw_plan(axes: Any, case: PopulationCase, frame: int) -> None:
 
 
 def _draw_view(axes: Any, case: PopulationCase, named: tuple[str, RecordingCamera], frame: int) -> None:
-    """Boxes with their confidences; crosses are true feet where the tracker is told that they are."""
+    """Boxes with their confidences. Crosses are true feet, projected with the camera pose that the tracker gets."""
     recording, (name, camera) = case.recording, named
     boxes, confidence = recording.detections[name].get(frame, (np.zeros((0, 4)), np.zeros(0)))
     for (left, top, width, height), sure in zip(boxes.tolist(), confidence.tolist(), strict=True):

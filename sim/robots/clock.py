@@ -34,7 +34,7 @@ class Clock:
 
 @dataclass(frozen=True)
 class ClockSpecification:
-    """Errors of a clock as they are asked for. drawn: names of those whose value is the standard deviation of a normal distribution."""
+    """Requested errors of a clock. drawn: names of the errors whose value is the standard deviation of a normal distribution."""
 
     value: Clock
     drawn: frozenset[str]
@@ -51,7 +51,7 @@ class ClockSpecification:
 def parse_clocks(text: str) -> dict[str, ClockSpecification]:
     """Name of a robot or camera → specification of its clock; the name "" stands for all others.
 
-    Example: offset=0.02,jitter=0.001;robot_0_camera:offset=±0.05,drift=20. A value after ± is the standard deviation of a drawn one.
+    Example: offset=0.02,jitter=0.001;robot_0_camera:offset=±0.05,drift=20. A value after ± is the standard deviation of a random value.
     Raises ValueError for another text, an error or a name that occurs twice, and a value out of LIMITS.
     """
     found: dict[str, ClockSpecification] = {}

@@ -1,4 +1,4 @@
-"""Controllers of a user: a function of a robot's state and of the driver's command gives the controls of its actuators."""
+"""User-defined controllers: functions from a robot's state and the driver's command to the controls of its actuators."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class RobotState:
 
 @dataclass(frozen=True)
 class DriveCommand:
-    """What the driver wants: speed m/s ahead, yaw_rate rad/s about the vertical, and height m of the origin over the ground."""
+    """The driver's command: forward speed m/s, yaw_rate rad/s about the vertical, and height m of the origin over the ground."""
 
     speed: float
     yaw_rate: float
@@ -44,7 +44,7 @@ Controller = Callable[[RobotState, DriveCommand], Any]
 
 @dataclass(frozen=True, eq=False)
 class CheckedController:
-    """A controller of a robot with that many actuators. name: module:function."""
+    """The controller of a robot with `count` actuators. name: module:function."""
 
     name: str
     function: Controller
@@ -58,10 +58,10 @@ class CheckedController:
         return CheckedController(name, load_function(name, "controller"), count)
 
     def controls(self, state: RobotState, command: DriveCommand) -> Array:
-        """Controls (count,), in the order of the file. Raises ValueError for others, and where the function fails."""
+        """Controls (count,), in the order of the file. Raises ValueError for another result, and where the function fails."""
         try:
             found = np.asarray(self.function(state, command), dtype=np.float64)
-        # The function is a stranger's.
+        # The function is user code, which may raise anything.
         except Exception as error:
             told = f"{type(error).__name__}: {' '.join(str(error).split())[:120]}"
             raise ValueError(f"controller {self.name} failed at {state.time:.3f} s ({told})") from error

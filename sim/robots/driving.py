@@ -41,7 +41,7 @@ REPLANNING_RANGE = 4.0
 TURN_IN_PLACE_RATE = 0.7
 """rad/s: yaw rate of a rover that turns in place."""
 SHUNTING_SPEED = 0.3
-"""m/s: of a robot with steered wheels that turns on the spot by moving to and fro."""
+"""m/s: speed of a robot with steered wheels that turns by driving back and forth."""
 _DETOURS = np.array([0.3, -0.3, 0.6, -0.6, 0.9, -0.9, 1.2, -1.2, 1.5, -1.5])
 """rad: deviations from the wanted heading, in the order in which they are tried."""
 
@@ -103,7 +103,7 @@ class DriveState:
 
 
 class Pilot(Protocol):
-    """What drives a rover: a Driver with goals of its own, or another source of commands."""
+    """The driver of a rover: a Driver with its own goals, or another source of commands."""
 
     def start(self, position: Array) -> DriveState:
         """State for a rover at rest at position (2,) m."""
@@ -118,7 +118,7 @@ class Pilot(Protocol):
 class Driver:
     """A driver in the free space `wheels` with goals (g, 2) m, which are repeated cyclically. top_speed: m/s.
 
-    turning_radius: m, the least one of a robot with steered wheels, 0 for one that turns in place.
+    turning_radius: m, least radius of a robot with steered wheels; 0 for a robot that turns in place.
     """
 
     wheels: FreeSpace
@@ -169,7 +169,7 @@ class Driver:
         return replace(drive, stuck=0.0, attempts=drive.attempts + 1, retreat=RETREAT, turn_side=self._wider_side(motion))
 
     def _shunting_speed(self, drive: DriveState, motion: Motion, traffic: Traffic) -> float:
-        """Speed, m/s, of a robot that cannot turn in place: to and fro with its wheels turned, the other way where there is no room."""
+        """Speed, m/s, of a robot that cannot turn in place: back and forth with its wheels turned, in the other direction where there is no room."""
         sense = -1.0 if drive.speed < 0 else 1.0
         for way in (sense, -sense):
             there = motion.position + 0.4 * way * np.array([math.cos(motion.yaw), math.sin(motion.yaw)])
@@ -178,7 +178,7 @@ class Driver:
         return 0.0
 
     def _detour_heading(self, motion: Motion, wanted: float, traffic: Traffic) -> float:
-        """The free heading nearest to the wanted one: clear of others, within free space for 1 m. The wanted one if there is none."""
+        """The free heading nearest to the wanted heading: clear of others, within free space for 1 m. The wanted heading if none is free."""
         if _free_distance(motion.position, np.array([wanted]), traffic.position, traffic.radius)[0] > _CLEAR_LANE:
             return wanted
         headings = wanted + _DETOURS
@@ -189,7 +189,7 @@ class Driver:
         return float(headings[int(np.argmax(clear))]) if clear.any() else wanted
 
     def _replan(self, drive: DriveState, motion: Motion, traffic: Traffic) -> DriveState | None:
-        """A route to the current goal, or the next reachable one, around all who are near, as if they stood still.
+        """A route to the current goal, or to the next reachable goal, around all others nearby, as if they stood still.
 
         None if no goal is reachable.
         """
@@ -241,12 +241,12 @@ class Driver:
 
 
 def make_driver(room: FreeSpace, rng: np.random.Generator, top_speed: float = TOP_SPEED, turning_radius: float = 0.0) -> Driver:
-    """A driver with eight random goals in this free space; the rest as of Driver. Raises ValueError if nothing is free."""
+    """A driver with eight random goals in this free space; other arguments as in Driver. Raises ValueError if nothing is free."""
     return Driver(room, np.concatenate([room.sample(rng, 1, 0.1, 0.0) for _ in range(8)]), top_speed, turning_radius)
 
 
 def turning_space(wheels: FreeSpace) -> FreeSpace:
-    """The largest connected part of free space in which a rover can turn in place: TURNING_ROOM m off its border.
+    """The largest connected part of free space in which a rover can turn in place: at least TURNING_ROOM m from its border.
 
     The margin is halved, then dropped, where less than half of the area would be left, as in a world of narrow passages.
     """

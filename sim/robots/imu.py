@@ -2,7 +2,7 @@
 
 The model is that of Kalibr and IEEE Std 952: a sample has white noise with standard deviation density/√dt. The bias is a random walk whose steps
 have standard deviation walk·√dt. Allan deviations are then density/√τ and walk·√(τ/3).
-A sample is made after every n-th step of the physics, n a whole number.
+A sample follows every n-th physics step, with a whole number n.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ WHEEL_RATES = (10.0, 400.0)
 LISTED = 10
 """Largest number of rates that an error message lists."""
 _SAME = 1e-4
-"""Relative difference below which a rate is meant: users write 28.2857 for 198/7."""
+"""Relative tolerance of a requested rate: users write 28.2857 for 198/7."""
 
 
 @dataclass(frozen=True)
 class ImuPart:
-    """Errors of a part; every figure is of one axis.
+    """Errors of a part; every value is per axis.
 
     gyro_noise rad/s/√Hz, gyro_walk rad/s²/√Hz, gyro_bias rad/s (one sigma at switching on).
     force_noise m/s²/√Hz, force_walk m/s³/√Hz, force_bias m/s², of the accelerometer. source: of the figures.
@@ -90,7 +90,7 @@ def parse_imu(text: str) -> tuple[str, float | None]:
 
 
 class ImuErrors:
-    """The errors of one IMU, sample by sample, with their state: the bias now. dt: s between samples."""
+    """The errors of one IMU, sample by sample, with the current bias as state. dt: s between samples."""
 
     def __init__(self, part: ImuPart, dt: float, rng: np.random.Generator) -> None:
         self._noise = np.repeat([part.gyro_noise, part.force_noise], 3) / math.sqrt(dt)
@@ -115,7 +115,7 @@ def possible_rates(physics: float, bounds: tuple[float, float]) -> list[float]:
 
 
 def steps_a_sample(name: str, rate: float | None, physics: float, bounds: tuple[float, float]) -> int:
-    """Number of physics steps a sample. rate: Hz, or None for the highest possible. physics: steps/s. name: of the option, for messages.
+    """Number of physics steps per sample. rate: Hz, or None for the highest possible. physics: steps/s. name: of the option, for messages.
 
     Raises ValueError, which names the possible rates, for a rate out of bounds or one that no whole number of steps gives.
     """

@@ -1,6 +1,6 @@
 """Odometry of a low-cost rover: wheel encoders, gyroscope and accelerometer with systematic and random errors.
 
-Systematic errors are constant for a whole run and cause drift. Random errors are drawn in each frame and are small beside them.
+Systematic errors are constant for a whole run and cause drift. Random errors are drawn in each frame and are small in comparison.
 """
 
 from __future__ import annotations
@@ -18,24 +18,24 @@ from tracker.types import Odometry
 GYRO_NOISE = math.radians(0.005)
 """rad/s/√Hz: rate noise density of an InvenSense MPU-6050 (product specification rev. 3.4, 6.1: 0.005 °/s/√Hz)."""
 GYRO_BIAS = math.radians(0.2)
-"""rad/s, one sigma an axis: residual bias of the MPU-6050 (zero-rate output ±20 °/s) after calibration at standstill and warming up."""
+"""rad/s, one sigma per axis: residual bias of the MPU-6050 (zero-rate output ±20 °/s) after calibration at standstill and warming up."""
 GYRO_SCALE = 0.01
 """One sigma of the scale factor: a third of the specified ±3 %."""
 RADIUS_ERROR = 0.015
 """One sigma of the relative error of a side's effective wheel radius, by tyre pressure, load and wear."""
 ENCODER_COUNTS = 1024
-"""Encoder counts a turn of the wheel."""
+"""Encoder counts per turn of the wheel."""
 ACCELEROMETER_NOISE = 400e-6 * 9.81
 """m/s²/√Hz: noise density of the MPU-6050's accelerometer (6.2: 400 µg/√Hz)."""
 ACCELEROMETER_BIAS = 0.009 * 9.81
-"""m/s², one sigma an axis: a quarter of the MPU-6050's offset change of ±35 mg from 0 to 70 °C, after calibration at standstill."""
+"""m/s², one sigma per axis: a quarter of the MPU-6050's offset change of ±35 mg from 0 to 70 °C, after calibration at standstill."""
 ACCELEROMETER_SCALE = 0.01
 """One sigma of the accelerometer's scale factor, a third of ±3 %."""
 LEG_DRIFT, VISUAL_DRIFT = 0.02, 0.008
-"""Error over the way, one sigma: of legs' kinematics and an IMU (Bloesch et al. 2013, IROS: some per cent on slippery ground; Wisth et al. 2022,
-VILENS: 1 to 2 %), and of cameras and an IMU (Geneva et al. 2020, OpenVINS: 0.5 to 1 % on EuRoC)."""
+"""Relative error of the distance, one sigma: of leg kinematics and an IMU (Bloesch et al. 2013, IROS: some per cent on slippery ground;
+Wisth et al. 2022, VILENS: 1 to 2 %), and of cameras and an IMU (Geneva et al. 2020, OpenVINS: 0.5 to 1 % on EuRoC)."""
 MOVED_NOISE = 0.002
-"""m: error of a frame's translation that does not grow with it."""
+"""m: part of the error of a frame's translation that does not grow with the translation."""
 RESIDUAL_ACCELERATION = 0.15
 """Share of the true acceleration that a complementary filter leaves in its estimate of the vertical."""
 _TYPICAL_ACCELERATION = 0.5
@@ -88,9 +88,9 @@ class FrameMotion:
 
 
 def measure_moved(motion: FrameMotion, moved: Array, systematic: SystematicErrors, drift: float, rng: np.random.Generator) -> Odometry:
-    """Odometry of a robot without wheels: rotation from the gyroscope, translation by its legs or cameras, which is off by a share of the way.
+    """Odometry of a robot without wheels: rotation from the gyroscope, translation from legs or cameras with a relative error.
 
-    moved: (3,) m, in the body frame before. drift: one of LEG_DRIFT, VISUAL_DRIFT. The share is as systematic as a rover's wheel radius.
+    moved: (3,) m, in the body frame before. drift: one of LEG_DRIFT, VISUAL_DRIFT. The error is as systematic as that of a rover's wheels.
     """
     R = _measured_rotation(motion, systematic, rng)
     turn, period, distance = Pose(R, np.zeros(3)).log()[3:], motion.dt * len(motion.rates), float(np.linalg.norm(moved))
@@ -121,13 +121,13 @@ def measure(motion: FrameMotion, systematic: SystematicErrors, rng: np.random.Ge
 
 
 def _measured_rotation(motion: FrameMotion, systematic: SystematicErrors, rng: np.random.Generator) -> Array:
-    """Rotation (3, 3) during a frame, by the gyroscope."""
+    """Rotation (3, 3) during a frame, from the gyroscope."""
     noise = rng.normal(0.0, GYRO_NOISE / math.sqrt(motion.dt), motion.rates.shape)
     return _integrate_rotation((motion.rates * systematic.gyro_scale + systematic.gyro_bias + noise) * motion.dt)
 
 
 def _gravity(motion: FrameMotion, systematic: SystematicErrors, rng: np.random.Generator) -> tuple[Array, float]:
-    """Up (3,), body frame, by the accelerometer, and its standard deviation, rad."""
+    """Up direction (3,), body frame, from the accelerometer, and its standard deviation, rad."""
     period = motion.dt * len(motion.rates)
     # The mean over a frame has the noise bandwidth 1 / (2 period).
     accelerometer_sigma = ACCELEROMETER_NOISE / math.sqrt(2 * period)

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 ROVER = "rover"
 BASE, THRUST, WHEELS, CONTROLLED = "base", "thrust", "wheels", "controller"
 MOTIONS = (WHEELS, BASE, THRUST)
-"""Kinds of motion that can be told: wheels; a base that follows the path, with its legs in a gait; flight by thrust."""
+"""Kinds of motion that can be specified: wheels; a base that follows the path, with its legs in a gait; flight by thrust."""
 
 
 @dataclass(frozen=True)
 class RobotChoice:
-    """One robot of `--robot`: a name or file, and what is told of it.
+    """One robot of `--robot`: a name or file, and its options.
 
-    motion: one of MOTIONS, or "" to guess. camera, imu: of a camera or site, or "". controller: module:function that sets its controls, or "".
+    motion: one of MOTIONS, or "" to guess. camera, imu: name of a camera or site, or "". controller: module:function that sets its controls, or "".
     """
 
     source: str

@@ -20,7 +20,7 @@ BASE = 0.50
 TRACK = 0.56
 """m between the left and the right wheels."""
 FOOTPRINT_RADIUS = 0.50
-"""m: the circle about the body's origin that no part of the rover leaves."""
+"""m: radius of the circle about the body's origin that contains the rover."""
 HALF_WIDTH = 0.45
 """m: radius that other rovers avoid; between half the width and the radius of the turning circle."""
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
@@ -38,7 +38,7 @@ _DRAWN: dict[str, Any] = {"contype": 0, "conaffinity": 0, "group": _GROUP}
 _COLLIDES: dict[str, Any] = {"contype": 1, "conaffinity": 3}
 """Attributes of geoms that collide with the world, with rovers and with people."""
 _UNSEEN: dict[str, Any] = _COLLIDES | {"group": 4, "rgba": (0, 0, 0, 0)}
-"""Attributes of geoms that collide in place of drawn ones."""
+"""Attributes of geoms that collide in place of drawn geoms."""
 _METAL, _RUBBER, _LENS = (0.62, 0.64, 0.66, 1.0), (0.08, 0.08, 0.09, 1.0), (0.05, 0.06, 0.09, 1.0)
 _PAINTS = ((0.93, 0.45, 0.10, 1.0), (0.12, 0.42, 0.75, 1.0), (0.20, 0.55, 0.25, 1.0), (0.80, 0.75, 0.15, 1.0), (0.62, 0.16, 0.18, 1.0))
 

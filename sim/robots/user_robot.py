@@ -1,6 +1,6 @@
-"""Robots of a user: any MJCF, attached to a scene with a body of ours around it, and how it moves, stands and sees.
+"""User robots: any MJCF model, attached to a scene inside an added body, with its motion, stance and camera.
 
-The body `robot_N` has the pose that the truth tells: x forward, y left, z up, at the origin of the robot's own root body.
+The pose of the body `robot_N` is the robot's true pose: x forward, y left, z up, at the origin of the robot's own root body.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ from worlds.engine import mujoco
 from worlds.triangles import geom_triangles
 
 WIDEST = 1.1
-"""m: a wider robot does not pass where free space for wheels is."""
+"""m: largest width. A wider robot does not fit through the free space for wheels."""
 DRAWN, HIDDEN = 3, 4
 """Groups of the geoms of robots."""
 FLYING = re.compile("prop|rotor|drone|quad(rotor|copter)|thrust", re.IGNORECASE)
 MOST_STEER = 1.2
 """rad: largest angle of a steered wheel that is used."""
 GAP = 0.1
-"""m from the highest point of a robot up to its panorama, where neither a camera nor a site is told."""
+"""m from the highest point of a robot up to its panorama, where neither a camera nor a site is specified."""
 
 
 @dataclass(frozen=True)
 class Wheel:
-    """A wheel: name of its joint, its centre x, y m in the body, radius m; sign of its turn for driving ahead.
+    """A wheel: name of its joint, its centre x, y m in the body, radius m; sign of its rotation in forward driving.
 
     steer: the vertical joint that turns its axle, "" for a fixed one; steer_sign: of its turn to the left; most_steer: rad.
-    turns: rad a metre ahead, a metre to the left, and a radian of the robot's turn to the left. () for a wheel without rollers.
+    turns: rotation, rad, per metre forward, per metre to the left, and per radian of the robot's turn to the left. () for a wheel without rollers.
     """
 
     joint: str
@@ -56,7 +56,7 @@ class Leg:
     """A leg: hip and knee, joints that swing it fore and aft; phase in [0, 1).
 
     back, lift: signs of the turn of the hip that swings it back, and of the knee that lifts the foot.
-    ankle: the joint that keeps the foot level, "" for none, by its turns a radian of the hip and of the knee, by_hip and by_knee.
+    ankle: the joint that keeps the foot level, "" for none. by_hip, by_knee: its rotation per radian of the hip and of the knee.
     """
 
     hip: str
@@ -74,8 +74,8 @@ class UserRobot:
     """A robot of a user at rest.
 
     rest: joint → position. height: m of the body's origin over level ground. top: m of its highest point over the origin. mass: kg.
-    feet (4, 2) m: corners of the rectangle on which it stands. told_camera: T_body_camera, None where none was told: a mast carries it.
-    imu: T_body_imu. flies: whether it is told or named as what flies. spec: of its file, without keyframes.
+    feet (4, 2) m: corners of the rectangle on which it stands. told_camera: T_body_camera as specified; None for a camera on a mast.
+    imu: T_body_imu. flies: whether it moves by thrust, or has a controller and names of a flying robot. spec: of its file, without keyframes.
     """
 
     choice: RobotChoice
@@ -96,14 +96,14 @@ class UserRobot:
     drawn: frozenset[int] = field(default_factory=frozenset)
 
     def mount(self, camera_height: float) -> Pose:
-        """T_body_camera of the panorama: as told, or `camera_height` m over the ground, and over the robot in any case. A flying one flies there."""
+        """T_body_camera of the panorama: as specified, or `camera_height` m above the ground and above the robot. On a flying robot: GAP above it."""
         if self.told_camera is not None:
             return self.told_camera
         up = self.top + GAP if self.flies else max(camera_height - self.height, self.top + GAP)
         return Pose(np.eye(3), np.array([0.0, 0.0, up]))
 
     def hover(self, camera_height: float) -> float:
-        """m over the ground at which the origin of a flying robot is, its camera at `camera_height`."""
+        """Height of a flying robot's origin above the ground, m, with its camera at `camera_height`; at least 0.3 m."""
         return max(camera_height - float(self.mount(camera_height).translation[2]), 0.3)
 
     @property
@@ -123,12 +123,12 @@ class UserRobot:
 
     @property
     def turning_radius(self) -> float:
-        """m: the least one of a robot with steered wheels, 0 for one that turns in place."""
+        """m: least turning radius of a robot with steered wheels; 0 for a robot that turns in place."""
         return max((abs(w.x - self.axle) / np.tan(w.most_steer) + abs(w.y) for w in self.steered), default=0.0)
 
     @property
     def servos(self) -> list[str]:
-        """Names of our actuators on it, in the order of `wheel_commands`: driven wheels and steering joints. A controller has those of the file."""
+        """Names of the added actuators, in the order of `wheel_commands`: driven wheels and steering joints. A controller sets those of the file."""
         joints = [*(wheel.joint for wheel in self.driven), *(wheel.steer for wheel in self.steered)]
         return [f"servo/{joint}" for joint in joints] if self.motion == WHEELS else []
 
@@ -138,7 +138,7 @@ class UserRobot:
         _strip(child, self)
         take_options(spec, child)
         body = spec.worldbody.add_body(name=name)
-        # MuJoCo wants mass where there is a joint.
+        # MuJoCo requires mass on a body with a joint.
         body.explicitinertial, body.mass, body.inertia = True, 1e-4, np.full(3, 1e-7)
         body.add_freejoint(name=name)
         frame = body.add_frame()
@@ -149,10 +149,10 @@ class UserRobot:
             self._add_servos(spec, name)
 
     def _add_servos(self, spec: mujoco.MjSpec, name: str) -> None:
-        """Add the motors of driven wheels and of steering; other joints with limits, as those of arms, are held at rest."""
+        """Add the motors of driven wheels and of steering; other joints with limits, such as those of arms, are held at rest."""
         for wheel in self.driven:
             servo = spec.add_actuator(name=f"{name}/servo/{wheel.joint}", trntype=mujoco.mjtTrn.mjTRN_JOINT, target=f"{name}/{wheel.joint}")
-            # As stiff as a rover's, and twice what holds the robot on a wall, which wheels share.
+            # The gain of a rover, scaled by mass and radius. All wheels together have twice the torque that holds the robot on a vertical wall.
             servo.set_to_velocity(kv=3.0 * self.mass * wheel.radius)
             most = 2 * 9.81 * self.mass * wheel.radius / len(self.driven)
             servo.forcelimited, servo.forcerange = mujoco.mjtLimited.mjLIMITED_TRUE, (-most, most)
@@ -168,11 +168,11 @@ class UserRobot:
 
 
 def _strip(child: mujoco.MjSpec, robot: UserRobot) -> None:
-    """Take out what our motion replaces: its own actuators and free joint; contacts of what neither rolls nor has a controller."""
+    """Remove sensors, lights and the free joint; actuators of robots without a controller; contacts of walking and flying robots without one."""
     for part in (*(child.actuators if robot.motion != CONTROLLED else ()), *child.sensors):
         child.delete(part)
     for number, actuator in enumerate(child.actuators):
-        # By the prefix of its name it is found again.
+        # Attaching adds a prefix to names, by which GuidedRobots finds the actuators.
         actuator.name = actuator.name or f"actuator{number}"
     root = child.body(robot.root)
     for joint in list(root.joints):
@@ -192,7 +192,7 @@ def _strip(child: mujoco.MjSpec, robot: UserRobot) -> None:
 
 @lru_cache(maxsize=16)
 def load_robot(choice: RobotChoice) -> UserRobot:
-    """The robot of a choice. Raises ValueError, in one line, for what cannot be found, read, moved or seen from."""
+    """The robot of a choice. Raises ValueError, in one line, for a robot that cannot be found, read, attached or moved, or lacks its camera."""
     path = _path(choice.source)
     spec, model = read_model(path)
     data = mujoco.MjData(model)
@@ -238,11 +238,11 @@ def _path(source: str) -> Path:
 
 
 def _measured(choice: RobotChoice, file: tuple[Path, mujoco.MjSpec], scene: tuple[Any, Any], root: int, geoms: list[int]) -> UserRobot:
-    """The robot by its geometry at rest."""
+    """The robot, measured from its geometry at rest."""
     (path, spec), (model, data) = file, scene
     drawn = _drawn_groups(model, geoms)
     T_root = Pose(data.xmat[root].reshape(3, 3), data.xpos[root])
-    # The root's own rotation stays: what is ahead is x of the frame in which the file places it.
+    # The root keeps its own rotation: forward is the x axis of the frame in which the file places it.
     T_root = Pose(np.eye(3), T_root.translation) if not _is_free(model, root) else T_root
     shown = [geom for geom in geoms if model.geom_group[geom] in drawn and model.geom_rgba[geom, 3] > 0]
     if not shown:
@@ -280,7 +280,7 @@ def _is_free(model: Any, body: int) -> bool:
 
 
 def _drawn_groups(model: Any, geoms: list[int]) -> frozenset[int]:
-    """The groups of what is only drawn; those of all that MuJoCo's viewer shows where everything collides."""
+    """Groups of geoms that are drawn without collisions. Where all geoms collide, the groups that MuJoCo's viewer shows."""
     only = {int(model.geom_group[g]) for g in geoms if not model.geom_contype[g] and not model.geom_conaffinity[g] and model.geom_group[g] < 3}
     return frozenset(only or {0, 1, 2})
 
@@ -293,7 +293,7 @@ def _hinges(model: Any, root: int) -> list[int]:
 def _wheels(model: Any, data: Any, T_root: Pose, low: float, geoms: list[int]) -> tuple[Wheel, ...]:
     """Hinges without limits and with a lateral axle, whose body touches the ground. Castors, whose vertical hinge has no limits, are no wheels.
 
-    Three or four wheels with rollers that move the robot in all directions are taken alone; their axles may have any direction.
+    Where three or four wheels with rollers can move the robot in all directions, only these count; their axles may have any horizontal direction.
     """
     out = []
     for joint in range(model.njnt):
@@ -327,7 +327,7 @@ def _spins(model: Any, joint: int) -> bool:
 
 
 def _rollers(model: Any, body: int) -> list[int]:
-    """The bodies that spin on one that spins itself, as rollers do on the rim of a wheel."""
+    """The bodies that spin on a body that itself spins, as rollers do on the rim of a wheel."""
     spinning = {int(model.jnt_bodyid[joint]) for joint in range(model.njnt) if _spins(model, joint)}
     return [b for b in range(1, model.nbody) if model.body_parentid[b] == body and b in spinning] if body in spinning else []
 
@@ -339,7 +339,7 @@ def _lowest_axis(model: Any, data: Any, rollers: list[int], geoms: list[int]) ->
 
 
 def _with_rollers(wheel: Wheel, axle: Array, roller: Array) -> Wheel:
-    """The wheel with rollers: along the axis of the roller below it, its rim and the ground have one velocity (Muir & Neuman 1987).
+    """The wheel with rollers: along the axis of its lowest roller, the rim does not slip on the ground (Muir & Neuman 1987).
 
     axle, roller: directions (3,), body frame.
     """
@@ -363,7 +363,7 @@ def _carries(model: Any, joint: int, body: int) -> bool:
 def _legs(model: Any, data: Any, root: int, ground: float) -> tuple[Leg, ...]:
     """Chains of hinges from the root down to a body on the ground. Hip, knee and ankle are the first three with a lateral axle."""
     legs: list[Leg] = []
-    # From the feet on: a shin near the ground is none.
+    # Feet come first, so that a shin near the ground is not taken for a foot.
     for body in range(model.nbody - 1, 0, -1):
         mine = [g for g in range(model.ngeom) if model.geom_bodyid[g] == body]
         if model.body_rootid[body] != root or not mine:
@@ -401,7 +401,7 @@ def _leg(model: Any, data: Any, swings: list[int], foot: int) -> Leg:
 
 
 def _told_place(name: str, path: Path, scene: tuple[Any, Any], T_root: Pose) -> Pose | None:
-    """Pose in the body of the camera or site that is told; None for no name."""
+    """Pose in the body frame of the camera or site with this name; None without a name."""
     if not name:
         return None
     model, data = scene
@@ -419,7 +419,7 @@ def _told_place(name: str, path: Path, scene: tuple[Any, Any], T_root: Pose) -> 
 def wheel_commands(robot: UserRobot, speed: float, yaw_rate: float, measured_yaw_rate: float) -> Array:
     """Commands (n,) of the robot's `servos` for `speed` m/s and `yaw_rate` rad/s, with feedback of the gyroscope's `measured_yaw_rate`.
 
-    Two axles skid in a turn, as rover.wheel_speeds says; two wheels do not. Steered wheels are tangents to circles about one centre (Ackermann).
+    Robots with two axles skid in a turn, as in rover.wheel_speeds; those with one axle do not. Steered wheels roll on concentric circles (Ackermann).
     Wheels with rollers do not skid, and need no feedback.
     """
     if robot.wheels[0].turns:
@@ -436,9 +436,9 @@ def wheel_commands(robot: UserRobot, speed: float, yaw_rate: float, measured_yaw
 
 
 def encoder_wheels(robot: UserRobot) -> list[tuple[str, float]]:
-    """Joints of four wheels whose encoders count, each with m a radian. The mean of the four ways is the robot's way ahead.
+    """Joints of four wheels with encoders, each with m per radian. The mean of the four distances is the robot's forward distance.
 
-    In the order of rover.WHEELS: the front and the rear one of each side, of those that are driven. Wheels with rollers share by least squares.
+    In the order of rover.WHEELS: the front and the rear driven wheel of each side. Wheels with rollers have factors by least squares.
     """
     if robot.wheels[0].turns:
         ahead = len(rover.WHEELS) * np.linalg.pinv([wheel.turns for wheel in robot.wheels])[0]

@@ -213,7 +213,7 @@ class RobotDetector:
         self._streams = {name: scenario.stream(f"companions/{name}") for name in self._mounts}
 
     def detect(self, camera: str) -> RobotDetections | None:
-        """The rovers visible from a camera; None for a camera that is not on a rover. The draws of one do not depend on the others."""
+        """The rovers visible from a camera; None for a camera that is not on a rover. The draws of a camera do not depend on others."""
         if camera not in self._mounts:
             return None
         mount, rng, simulation = self._mounts[camera], self._streams[camera], self._simulation

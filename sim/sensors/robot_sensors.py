@@ -1,6 +1,6 @@
 """The sensors on the rovers beside the cameras: IMU and wheel encoders, sampled at the physics steps, and the clocks that stamp their samples.
 
-All random numbers are of streams of their own, so that these sensors change nothing else of a run.
+All random numbers come from separate streams, so that these sensors change nothing else in a run.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class RobotSensors:
         return RobotSensors(simulation, setup) if scenario.imu or scenario.wheels or scenario.clock else None
 
     def setup(self) -> SensorSetup:
-        """What a user of the samples knows of the sensors, and the true errors of the clocks."""
+        """The description of the sensors for users of the samples, and the true errors of the clocks."""
         clocks = {name: (clock.offset, clock.drift, clock.jitter) for name, clock in self.clocks.items()}
         return SensorSetup(self._description(), clocks)
 

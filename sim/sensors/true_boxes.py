@@ -117,7 +117,7 @@ def true_boxes(image: InstanceImage, people: People, unoccluded: Sequence[Unoccl
 
 
 def boxes_of(people: People, kept: list[int], eye: Array, found: tuple[list[Array], list[Array], list[float]]) -> Boxes:
-    """The boxes of the people at the places `kept`. eye (3,) m: the camera. found: the seen and the full box, and the visible share, of each."""
+    """The boxes of the people at the indices `kept`. eye (3,) m: the camera. found: the seen and the full box, and the visible share, of each."""
     if not kept:
         return Boxes.none()
     seen, full, visible = map(np.array, found)
@@ -126,7 +126,7 @@ def boxes_of(people: People, kept: list[int], eye: Array, found: tuple[list[Arra
 
 
 def _slots(persons: list[int]) -> NDArray[np.int64]:
-    """Table (65536,) from an instance to its place among `persons`, −1 for others."""
+    """Table (65536,) from an instance to its index in `persons`, −1 for others."""
     slots = np.full(1 << 16, -1)
     slots[persons] = np.arange(len(persons))
     return slots

@@ -1,4 +1,4 @@
-"""The simulated detectors of all views of a run, as a detector model says: each with one random stream.
+"""The simulated detectors of all views of a run, by a detector model. Each has its own random stream.
 
 They give the same detections with and without rendering where the truth of the views is the same.
 """
@@ -22,11 +22,11 @@ from tracker.geometry.image_boxes import body_outlines
 from tracker.types import Detections, Mount, ViewTruth
 
 BORDER = 1.0
-"""px: an edge of a box that is nearer to the border of the image is cut by it."""
+"""px: the border of the image cuts an edge of a box that is nearer to it than this."""
 
 
 def view_detectors(scenario: Scenario, mounts: Mapping[str, Mount], persons: Iterable[int]) -> dict[str, ViewDetector]:
-    """Camera → its simulated detector, as the `detector_model` of a scenario says. persons: ids of all people of the run."""
+    """Camera → its simulated detector, by the `detector_model` of a scenario. persons: ids of all people of the run."""
     errors = IndependentErrors(scenario.misses, scenario.clutter, scenario.bearing_noise, scenario.min_visible)
     model, people = model_of(scenario.detector_model, errors), list(persons)
     return {
@@ -83,7 +83,7 @@ def true_bodies(model: DetectorModel, camera: Camera, view: ViewTruth, persons: 
 
 
 def _beyond_border(full: Array, whole: Array, camera: Camera) -> Array:
-    """True boxes (n, 4), which end at the border of the image, with the edges there taken from projected bodies where those lie beyond it."""
+    """True boxes (n, 4). Their edges at the border of the image are replaced by those of projected bodies that reach beyond it."""
     first = camera.pixel_centre - 0.5
     low, high = np.full(2, first + BORDER), np.array([first + camera.width - BORDER, first + camera.height - BORDER])
     if camera.wraps:

@@ -1,6 +1,6 @@
-"""What happens within a frame: rovers at the physics steps, people at the steps of the crowd, and both in between.
+"""States within a frame: rovers at the physics steps, people at the crowd steps, and both interpolated in between.
 
-Between physics steps a rover moves on the geodesic of its pose. Between steps of the crowd (0.05 s) limbs move straight and turn evenly.
+Between physics steps a rover moves on the geodesic of its pose. Limbs are interpolated linearly between crowd steps (0.05 s).
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from worlds.engine import mujoco
 
 @dataclass(eq=False)
 class FrameHistory:
-    """States since the frame before, the first of each list being that frame's.
+    """States since the previous frame, whose state is the first of each list.
 
     timestep: s of a physics step. qpos: of all physics steps. people: crowd and footfalls at all steps of the crowd.
-    head_yaw: (m,) rad at the frame before and now. corrected: poses and headings → poses with sitters and raised arms.
+    head_yaw: (m,) rad at the previous frame and now. corrected: poses and headings → poses with sitters and raised arms.
     `poses` holds limb poses that were computed already.
     """
 
@@ -49,7 +49,7 @@ class FrameHistory:
         return out
 
     def places(self, before: float) -> Array:
-        """x, y (m, 2) m of all people `before` s before the end; people who were not there at the step before are as in `limbs`."""
+        """x, y (m, 2) m of all people `before` s before the end. People who were absent at the step before are treated as in `limbs`."""
         k, share = self._place(before, len(self.people) - 1)
         first = self.people[k][0]
         if share == 0:
@@ -60,7 +60,7 @@ class FrameHistory:
     def limbs(self, stature: Array, ground: Terrain, before: float) -> tuple[Array, Array]:
         """Positions (m, limbs, 3) m and quaternions (m, limbs, 4) wxyz of the limbs `before` s before the end.
 
-        People who were not there at the step before are where they are at the step after.
+        People who were absent at the step before have their pose of the step after.
         """
         k, share = self._place(before, len(self.people) - 1)
         if share == 0:
@@ -74,7 +74,7 @@ class FrameHistory:
         return position, quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
 
     def _place(self, before: float, steps: int) -> tuple[int, float]:
-        """The step at or before a time, and the share of the way to the next one."""
+        """The step at or before a time, and the elapsed share of the interval to the next step."""
         if not -1e-9 <= before <= self.duration + 1e-9:
             raise ValueError(f"before is {before} s, needs 0 to {self.duration:g}, the time since the frame before")
         at = steps * (1 - min(max(before / self.duration, 0.0), 1.0))
@@ -94,7 +94,7 @@ class FrameHistory:
 
 @dataclass(frozen=True, eq=False)
 class StepStates:
-    """States at n + 1 instants, `timestep` s apart; the first is the end of the frame before. r rovers.
+    """States at n + 1 instants, `timestep` s apart; the first is the end of the previous frame. r rovers.
 
     gravity (3,) m/s², world frame. wheels (n+1, r, 4): wheel angles, rad.
     position (n+1, r, 3) m and quaternion (n+1, r, 4) wxyz of T_world_robot.
@@ -109,7 +109,7 @@ class StepStates:
     wheels: Array
 
     def at_sensors(self, mounts: Sequence[Pose]) -> StepStates:
-        """The states of sensors, one a robot at its T_body_sensor: their own points and axes."""
+        """The states of sensors, one per robot, at their own origins and in their own axes. mounts: T_body_sensor of each."""
         place, turn = np.array([T.translation for T in mounts]), np.array([quaternion_from_rotation(T.rotation) for T in mounts])
         if not place.any() and not turn[:, 1:].any():
             return self
@@ -128,7 +128,7 @@ class StepStates:
     def specific_force(self) -> Array:
         """Mean specific force (n, r, 3) m/s², body frame, of each step: R^T (dv/dt - g), at the orientation in the middle of the step.
 
-        The change of velocity in a step is exact, contacts included. The acceleration that MuJoCo's accelerometer reports is that before the
+        The change of velocity in a step is exact, contacts included. MuJoCo's accelerometer reports the acceleration before the
         implicit integration of damping.
         """
         acceleration = np.diff(self.velocity[:, :, :3], axis=0) / self.timestep - self.gravity

@@ -1,7 +1,7 @@
 """Motion of robots that do not roll: a base that follows its path over the ground, flight by thrust and moments, or a user's controller.
 
-A walking robot is moved, not simulated: its base is parallel to the ground and its legs swing, but nothing holds it up.
-A flying robot is simulated: thrust along its own z axis, and moments, are all that moves it (Lee et al. 2010, "Geometric tracking control of a
+A walking robot is moved kinematically: its base is parallel to the ground and its legs swing, without contact forces.
+A flying robot is simulated: only thrust along its own z axis and moments act on it (Lee et al. 2010, "Geometric tracking control of a
 quadrotor UAV on SE(3)").
 """
 
@@ -16,6 +16,7 @@ from sim.robots.controller import CheckedController, DriveCommand, RobotState
 from sim.robots.driving import DriveState
 from sim.robots.robot_choice import BASE, CONTROLLED, THRUST, WHEELS
 from sim.robots.user_robot import UserRobot
+from sim.simulation.initial_states import rotation_on_slope
 from tracker.geometry import Array, Ints, Pose, quaternion_from_rotation, rotation_from_quaternion, rotation_z
 from worlds.engine import mujoco
 from worlds.terrain.walk_surface import Terrain
@@ -25,18 +26,20 @@ STRIDE = 1.6
 SWING, LIFT = 0.35, 0.5
 """rad: amplitude of the hips, and of the knees while a foot is off the ground, at WALKING_SPEED."""
 WALKING_SPEED = 0.7
+FOOT_ARM = 0.3
+"""m: distance from the centre of a walking robot to its feet, which move while it turns."""
 SPEED_GAIN, HEIGHT_GAIN, CLIMB_GAIN = 1.2, 4.0, 3.0
 """1/s, 1/s², 1/s: gains of velocity, height and climb rate of a flying robot."""
 ATTITUDE, RATE = 60.0, 14.0
 """1/s² and 1/s: gains of attitude and of angular velocity, over the moment of inertia; damped by 0.9."""
 MOST_TILT = math.radians(25)
 SMOOTH = 0.35
-"""m driven until the base has taken on the slope of the ground."""
+"""m driven until the base has adopted the slope of the ground."""
 
 
 @dataclass
 class _Course:
-    """Where a walking robot is: x, y m, yaw rad; up (3,) of the ground, smoothed; gait cycles walked; speed m/s."""
+    """Course of a robot: x, y m, yaw rad; up (3,) of the ground, smoothed; gait cycles walked; speed of its feet, m/s."""
 
     x: float
     y: float
@@ -47,7 +50,7 @@ class _Course:
 
 
 class GuidedRobots:
-    """The robots of a simulation that neither are rovers nor have wheels that we drive.
+    """The robots of a simulation without driven wheels.
 
     `remember`, `before` and, after the step, `after` are called with every physics step.
 
@@ -95,7 +98,7 @@ class GuidedRobots:
         return _row(self._standing(k))
 
     def save(self) -> dict[int, tuple[float, ...]]:
-        """The state beside MuJoCo's."""
+        """The state that MjData does not hold."""
         return {k: (c.x, c.y, c.yaw, *c.up.tolist(), c.walked, c.speed) for k, c in self._courses.items()}
 
     def restore(self, state: dict[int, tuple[float, ...]]) -> None:
@@ -115,14 +118,14 @@ class GuidedRobots:
                 continue
             course.x += drive.speed * dt * math.cos(course.yaw)
             course.y += drive.speed * dt * math.sin(course.yaw)
-            course.speed = drive.speed
+            course.speed = abs(drive.speed) + FOOT_ARM * abs(drive.yaw_rate)
             course.walked += drive.speed * dt / (STRIDE * max(robot.height, 0.15)) + 0.3 * abs(drive.yaw_rate) * dt
-            share = min(1.0, (abs(drive.speed) + 0.3 * abs(drive.yaw_rate)) * dt / SMOOTH)
+            share = min(1.0, course.speed * dt / SMOOTH)
             up = course.up + share * (self._slope(k, np.array([course.x, course.y]), course.yaw) - course.up)
             course.up = up / np.linalg.norm(up)
 
     def after(self, data: mujoco.MjData, dt: float) -> None:
-        """Put the walking robots where they are after a physics step, with the velocity of this step."""
+        """Set the poses and velocities of walking robots after a physics step."""
         for k, robot in self._robots.items():
             if robot.motion != BASE:
                 if robot.motion == THRUST:
@@ -138,21 +141,21 @@ class GuidedRobots:
             self._swing(k, data)
 
     def remember(self, data: mujoco.MjData) -> None:
-        """Keep the poses before a physics step, from which its velocities are taken."""
+        """Keep the poses before a physics step, from which `after` computes velocities."""
         self._before = {k: data.qpos[q : q + 7].copy() for k, (q, _) in self._address.items()}
 
     def _hold(self, k: int, data: mujoco.MjData) -> None:
-        """Joints of the robot at rest."""
+        """Hold the joints of the robot at rest."""
         positions, velocities, rest, _ = self._joints[k]
         data.qpos[positions], data.qvel[velocities] = rest, 0.0
 
     def _swing(self, k: int, data: mujoco.MjData) -> None:
-        """Legs by the phase of the gait: on the ground a foot goes back, in the air it is lifted and goes ahead. Ankles keep feet level."""
+        """Move the legs by the gait phase: a foot moves back on the ground, and forward when lifted. Ankles keep the feet level."""
         course, (at, legs) = self._courses[k], self._joints[k][3]
         if not len(at):
             return
         phase = 2 * np.pi * (course.walked + legs[:, 2])
-        strength = min(1.0, abs(course.speed) / WALKING_SPEED)
+        strength = min(1.0, course.speed / WALKING_SPEED)
         hip = legs[:, 0] * SWING * strength * np.sin(phase)
         knee = legs[:, 1] * LIFT * strength * np.maximum(0.0, -np.cos(phase))
         for joint, turn in enumerate((hip, knee, legs[:, 3] * hip + legs[:, 4] * knee)):
@@ -161,7 +164,7 @@ class GuidedRobots:
     def _slope(self, k: int, place: Array, yaw: float) -> Array:
         """Upward normal (3,) of the plane through the ground under the feet."""
         feet = self._robots[k].feet @ rotation_z(yaw)[:2, :2].T
-        # Feet on one line or point give no plane.
+        # Feet on one line or point do not define a plane.
         feet = feet + 0.05 * np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)])
         A = np.column_stack([feet, np.ones(4)])
         east, north, _ = np.linalg.lstsq(A, self._terrain.height_at(place + feet), rcond=None)[0]
@@ -169,18 +172,14 @@ class GuidedRobots:
         return np.asarray(up / np.linalg.norm(up))
 
     def _standing(self, k: int) -> Pose:
-        """The pose of a robot on its course: over the ground by its height, leaning with it; a flying one level, at its height."""
+        """The pose of a robot on its course: at its height, parallel to the ground. A flying robot is level, at its hover height."""
         course, robot = self._courses[k], self._robots[k]
         ground = float(self._terrain.height_at(np.array([[course.x, course.y]]))[0])
         if robot.flies:
             return Pose(rotation_z(course.yaw), np.array([course.x, course.y, ground + robot.hover(self._camera_height)]))
-        x = rotation_z(course.yaw)[:, 0]
-        x = x - (x @ course.up) * course.up
-        x = x / np.linalg.norm(x)
         feet = robot.feet @ rotation_z(course.yaw)[:2, :2].T + [course.x, course.y]
         mean = float(np.mean(self._terrain.height_at(feet)))
-        R = np.stack([x, np.cross(course.up, x), course.up], axis=1)
-        return Pose(R, np.array([course.x, course.y, 0.5 * (mean + ground) + robot.height]))
+        return Pose(rotation_on_slope(course.up, course.yaw), np.array([course.x, course.y, 0.5 * (mean + ground) + robot.height]))
 
     def _control(self, k: int, data: mujoco.MjData, drive: DriveState) -> None:
         """Set the controls of a robot by its controller."""

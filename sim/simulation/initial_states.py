@@ -56,8 +56,8 @@ def draw_robots(scenario: Scenario, free_space: FreeSpace) -> Array:
 def draw_places(scenario: Scenario, free_space: FreeSpace) -> Array:
     """Random positions (k, 2) m for the people who are present at first, and three spare ones for each rover.
 
-    Spare positions replace those that are too near to rovers. Where they do not fit in, people who sit have none.
-    Raises ValueError if the others do not fit in.
+    Spare positions replace those that are too near to rovers. If not all people fit in, those who sit get no position.
+    Raises ValueError if the others do not fit in either.
     """
     wanted = min(scenario.at_once or scenario.people, scenario.people)
     for standing in sorted({wanted, wanted - scenario.sitters}, reverse=True):
@@ -74,7 +74,7 @@ def make_crowd(
 ) -> tuple[Crowd, CrowdState]:
     """A crowd with random plans, and its state at the first of the positions `free` (k, 2) m. people: the random stream of each.
 
-    robots: (r, 2) m of the robots, which people who stand in groups keep away from.
+    robots: (r, 2) m; talking groups are placed clear of them.
 
     Raises ValueError if there are too few positions or seats.
     """
@@ -98,7 +98,7 @@ def make_crowd(
 
 
 def clear_of_robots(robots: Array, places: Array) -> Array:
-    """Those of places (k, 2) m that are more than PERSON_ROVER_DISTANCE from all robots (r, 2) m."""
+    """The places, of (k, 2) m, that are more than PERSON_ROVER_DISTANCE from all robots (r, 2) m."""
     return places[np.linalg.norm(places[:, None] - robots, axis=2).min(axis=1, initial=np.inf) > PERSON_ROVER_DISTANCE]
 
 
@@ -109,8 +109,13 @@ def resting_pose(terrain: Terrain, place: Array, yaw: float) -> Array:
     A = np.column_stack([wheels, np.ones(4)])
     east, north, middle = np.linalg.lstsq(A, height, rcond=None)[0]
     up = np.array([-east, -north, 1.0]) / np.sqrt(1 + east**2 + north**2)
-    x = rotation_z(yaw)[:, 0] - (rotation_z(yaw)[:, 0] @ up) * up
-    x = x / np.linalg.norm(x)
     highest = middle + float((height - A @ [east, north, middle]).max())
-    R = np.stack([x, np.cross(up, x), up], axis=1)
-    return np.concatenate([[*place, highest + (rover.WHEEL_RADIUS + 0.01) / up[2]], quaternion_from_rotation(R)])
+    return np.concatenate([[*place, highest + (rover.WHEEL_RADIUS + 0.01) / up[2]], quaternion_from_rotation(rotation_on_slope(up, yaw))])
+
+
+def rotation_on_slope(up: Array, yaw: float) -> Array:
+    """Rotation (3, 3) with the z axis up (3,), a unit vector, and the x axis above that of rotation_z(yaw)."""
+    x = rotation_z(yaw)[:, 0]
+    x = x - (x @ up) * up
+    x = x / np.linalg.norm(x)
+    return np.stack([x, np.cross(up, x), up], axis=1)

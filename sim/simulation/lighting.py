@@ -1,6 +1,6 @@
-"""Kinds of light, the sky that belongs to them, and wet ground: changes of a compiled model that only pixels show.
+"""Kinds of light with their skies, and wet ground: changes of a compiled model that affect only pixels.
 
-A shader adds ambient, diffuse and specular light without reflections of objects. Wet ground is darker and mirrors the sun alone.
+A shader adds ambient, diffuse and specular light without reflections of objects. Wet ground is darker and reflects only the sun.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from tracker.geometry import Array
 from worlds.engine import mujoco
 
 WET_DARKNESS = 0.45
-"""Share of the diffuse light that wet ground swallows: albedo falls to about a half (Lekner & Dorf 1988, Applied Optics 27(7))."""
+"""Share of the diffuse light that wet ground absorbs: albedo falls to about a half (Lekner & Dorf 1988, Applied Optics 27(7))."""
 WET_SPECULAR, WET_SHININESS = 0.7, 0.3
 """Specular and shininess of wet ground in MuJoCo's units; the film of water is rough at the scale of the texture."""
 SKIES = {
@@ -38,9 +38,9 @@ def apply(model: mujoco.MjModel, scenario: Scenario) -> None:
 
 
 def set_light(model: mujoco.MjModel, kind: str, rng: np.random.Generator) -> None:
-    """Change the lights of a model to a kind of LIGHTS. Directions change for parallel light alone.
+    """Change the lights of a model to a kind of LIGHTS. Only parallel lights change direction.
 
-    built: as the world has it. overcast: soft and without shadows. low: a low warm sun, 8 to 30° high. dim: half of all light.
+    built: unchanged. overcast: soft and without shadows. low: a low warm sun, 8 to 30° high. dim: half of all light.
     """
     elevation, azimuth = rng.uniform(np.radians(8), np.radians(30)), rng.uniform(-np.pi, np.pi)
     warm, strength = np.array([1.0, rng.uniform(0.75, 1.0), rng.uniform(0.5, 1.0)]), rng.uniform(0.7, 1.2)

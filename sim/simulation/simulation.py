@@ -39,7 +39,7 @@ TIPPED = math.cos(math.pi / 4)
 """Smallest z of the up axis of a rover that has not tipped over."""
 
 ABSENT, PARKING_DEPTH = 5, 100.0
-"""The group of the geoms of people who are not there, which is never drawn; and m below the ground where they are kept."""
+"""Geom group of absent people, which is never drawn, and the depth below the ground at which they are kept, m."""
 
 
 def world_of(scenario: Scenario) -> World:
@@ -48,7 +48,7 @@ def world_of(scenario: Scenario) -> World:
 
 
 def fleet_of(scenario: Scenario) -> dict[int, UserRobot]:
-    """Index of a robot → the robot of a user in place of a rover. The names of the scenario repeat. Raises ValueError as load_robot."""
+    """Index of a robot → the user robot in place of a rover. The names of the scenario repeat cyclically. Raises ValueError as load_robot."""
     chosen = parse_robots(scenario.robot) if scenario.robot else ()
     named = {i: chosen[i % len(chosen)] for i in range(scenario.robots if chosen else 0)}
     return {i: load_robot(choice) for i, choice in named.items() if choice.source != ROVER}
@@ -70,7 +70,7 @@ class Snapshot:
     """State of a simulation.
 
     frame; data: the whole scene. moving: the physics model. people: crowd, footing, gaze, joints.
-    robots: drivers, commands, odometry, courses of guided ones.
+    robots: drivers, commands, odometry, courses of guided robots.
     streams: states of the random streams of the odometry.
     """
 
@@ -165,7 +165,7 @@ class Simulation:
         return tuple(self._drives)
 
     def set_drivers(self, drivers: Sequence[Pilot], drives: Sequence[DriveState]) -> None:
-        """Replace the drivers of the rovers, one each, with these states."""
+        """Replace the drivers of all rovers and their states."""
         self._drivers, self._drives = list(drivers), list(drives)
 
     def motions(self) -> Array:
@@ -225,11 +225,11 @@ class Simulation:
         return rover.camera_mount(self.scenario.camera_height) if robot is None else robot.mount(self.scenario.camera_height)
 
     def is_of_user(self, name: str) -> bool:
-        """Whether a robot is one of a user, and no rover."""
+        """Whether a robot is a user robot instead of a rover."""
         return self.robots.index(name) in self._fleet
 
     def imu_mount(self, name: str) -> Pose:
-        """T_body_imu of a robot: the site that was told, or the body itself."""
+        """T_body_imu of a robot: the specified site, or the body itself."""
         robot = self._fleet.get(self.robots.index(name))
         return Pose.identity() if robot is None else robot.imu
 
@@ -239,7 +239,7 @@ class Simulation:
         return self.all_persons[self._crowd_state.present]
 
     def change_manner(self, rng: np.random.Generator) -> None:
-        """Let all who sit take another posture on their seats. It lasts until the next change."""
+        """Give all people who sit new random postures, until the next change."""
         if len(sitters := self._postures.sitters):
             manner = SittingManner.drawn(len(sitters), rng)
             self._seated: skeleton.Poses | None = sitting_poses(self.stature[sitters], self._postures.seat, self.world.terrain, manner)
@@ -265,7 +265,7 @@ class Simulation:
         return dict(self._odometry)
 
     def wheel_angles(self) -> Array:
-        """Total angles (robots, 4) rad of the wheels, in the order of rover.WHEELS; of another robot those of wheels as large as a rover's."""
+        """Total angles (robots, 4) rad of the wheels, in the order of rover.WHEELS. For user robots: equivalent angles of a rover's wheels."""
         return self._wheels_of(self._data.qpos[None])[0]
 
     def _wheels_of(self, qpos: Array) -> Array:
@@ -288,7 +288,7 @@ class Simulation:
         return {name: bool(self.T_world_robot(name).rotation[2, 2] < TIPPED) for name in self.robots}
 
     def save(self) -> Snapshot:
-        """All changing state. It can be restored to any simulation of the same scenario, world and paths."""
+        """All changing state, but for postures of `change_manner`. Any simulation of the same scenario, world and paths can restore it."""
         data = copy.copy(self.data)
         streams = tuple(rng.bit_generator.state for rng in self._noise)
         people = (self._crowd_state, self._footing, self._gaze, self._joints)
@@ -371,7 +371,7 @@ class Simulation:
         self._umbrella_of_geom = np.array([int(name.removeprefix(KIND)) if name.startswith(KIND) else 0 for name in names], dtype=np.int64)
 
     def _index_wheels(self) -> None:
-        """Robots that roll, the addresses (k, 4) of their wheels with the rover's wheel in the unit of each, and all motors (m,)."""
+        """Index the robots that roll, their wheels (k, 4) with factors from their angle to that of a rover's wheel, and all motors (m,)."""
         rolling, wheels, scale, motors = [], [], [], []
         for i, robot in enumerate(self.robots):
             user = self._fleet.get(i)
@@ -408,7 +408,7 @@ class Simulation:
         self._odometry = {}
 
     def _resting_pose(self, robot: int, row: Array) -> Array:
-        """Position and quaternion (7,) of a robot at x, y m and yaw rad, `row` (3,)."""
+        """Position and quaternion (7,) of a robot at rest. row (3,): x, y m and yaw rad."""
         if robot in self._guided:
             return self._guided.start(robot, row[:2], float(row[2]))
         user = self._fleet.get(robot)
@@ -418,7 +418,7 @@ class Simulation:
         return pose
 
     def _physics_step(self) -> None:
-        """Advance the physics by one step, with the robots that are guided."""
+        """Advance the physics and the guided robots by one step."""
         data, dt = self._physics_data, float(self._physics.opt.timestep)
         self._guided.remember(data)
         self._guided.before(data, self._drives, dt)
@@ -547,7 +547,7 @@ class Simulation:
         mujoco.mj_forward(self.model, self._data)
 
     def _corrected(self, poses: skeleton.Poses, heading: Array) -> skeleton.Poses:
-        """The poses of walkers, with sitters on their seats and the right arms of those who carry umbrellas raised."""
+        """The poses of walkers, with sitters on their seats, and with raised right arms of people with umbrellas."""
         if self._seated is not None:
             poses = with_sitters(poses, self._postures.sitters, self._seated)
         return with_raised_arms(poses, self._holders, self.stature, heading) if len(self._holders) else poses
@@ -577,7 +577,7 @@ class Simulation:
         return out
 
     def _measure_odometry(self, rates: Array, wheels: Array, velocity: Array, poses: dict[str, Pose]) -> None:
-        """Measure the odometry of the frame that has just ended. wheels, velocity, poses: before it."""
+        """Measure the odometry of the frame that has just ended. wheels, velocity, poses: at its start."""
         angles_now = self.wheel_angles()
         acceleration = (self._data.qvel[self._velocities[:, :3]] - velocity[:, :3]) / self.scenario.period
         for i, name in enumerate(self.robots):

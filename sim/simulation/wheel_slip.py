@@ -1,6 +1,6 @@
 """Wheel slip on a world: error of ideal wheel odometry, without sensor errors.
 
-The mean wheel rotation times the true radius is laid along the true heading. The remaining error is due to slip, bumps and scrubbing wheels.
+The odometry moves along the true heading by the mean wheel rotation times the true radius. Its error is due to slip, bumps and scrubbing wheels.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ SEGMENT = 5.0
 class Slip:
     """Result of a measurement.
 
-    error: m of odometry error a metre driven, the mean over segments of about SEGMENT m; NaN without such a segment.
+    error: m of odometry error per metre driven, the mean over segments of about SEGMENT m; NaN without such a segment.
     Geiger et al. (2012, KITTI) define it for longer segments. driven: m, of all rovers.
     tipped: number of frames in which a rover was tipped over, summed over the rovers.
     """
@@ -32,7 +32,7 @@ class Slip:
 
 
 def measure(simulation: Simulation, seconds: float) -> Slip:
-    """Drive all rovers for `seconds` s, at least a frame, from the current state."""
+    """Drive all rovers from the current state for `seconds` s, which must be at least one frame."""
     steps, tipped = [], 0
     before, turned = _poses(simulation), simulation.wheel_angles()
     for _ in range(round(seconds / simulation.scenario.period)):
@@ -57,7 +57,7 @@ def _poses(simulation: Simulation) -> Array:
 
 
 def _segment_errors(steps: Array) -> list[float]:
-    """Errors a metre of one rover's segments. steps (n, 4): error (3) m and distance m of every frame."""
+    """Errors per metre of one rover's segments. steps (n, 4): error (3) m and distance m of every frame."""
     out: list[float] = []
     error, distance = np.zeros(3), 0.0
     for step in steps:

@@ -89,7 +89,7 @@ def _track(data: TrialData, parameters: Parameters, chosen: Mapping[str, bool]) 
 
 @dataclass(frozen=True, eq=False)
 class TruePersons:
-    """The true persons of detections: of those of the trial, and of the true ones that replace them (by `id` of their Detections)."""
+    """The true persons of the trial's detections, and of true detections that replace them (by `id` of their Detections)."""
 
     data: TrialData
     replaced: Mapping[int, Ints]

@@ -86,7 +86,7 @@ def all_bounds(data: TrialData, graphs: Path | None = None, history: LandmarkHis
 
 
 def visible_recall(data: TrialData) -> float | None:
-    """The share of true positions of people whom some view showed lately. None where there are no true positions."""
+    """The share of true positions of people whom a view showed lately (evaluated_people). None where there are no true positions."""
     counts = evaluated_people(data.truth, data.setup.period)
     total = sum(len(c) for c in counts)
     return float(sum(int(np.sum(c)) for c in counts)) / total if total else None
@@ -358,7 +358,7 @@ def _adjoint(T: Pose) -> Array:
 
 
 def score_map(truth: Array, landmarks: Array, wanted: Mask, alignment: Pose | None = None) -> dict[str, float | None]:
-    """Score estimated landmarks (m, 3) m without names against true ones (n, 3) m, of which `wanted` (n,) were seen well enough for a map.
+    """Score estimated landmarks (m, 3) m, without identities, against true ones (n, 3) m. wanted (n,): those that were seen often enough for a map.
 
     alignment: of the team with its truth (trajectory.align), applied to the map. The matching is one to one, within NEAR after the
     alignment, with the least sum of squares. Returns MEASURES, None where undefined.

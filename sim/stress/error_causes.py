@@ -84,6 +84,7 @@ def gather_evidence(data: TrialData, results: Results) -> TrialEvidence:
     frames = data.matching_frames(results)
     scored, matches = match_on_ground(frames)
     truths, tracks = _ids([f.truth_id for f in frames]), _ids([f.estimate_id for f in frames])
+    recorded = frozenset(id(view.detections) for tick in data.recorded for view in tick.views)
     out = []
     for k, (frame, pairing, (rows, columns)) in enumerate(zip(frames, scored.frames, matches, strict=True)):
         match = dict(zip(truths[pairing.truth[rows]].tolist(), tracks[pairing.estimate[columns]].tolist(), strict=True))
@@ -94,7 +95,7 @@ def gather_evidence(data: TrialData, results: Results) -> TrialEvidence:
                 index=data.truth[k].index,
                 person=frame.truth_id,
                 feet=data.truth[k].feet,
-                visible=_visible(data, tick, k),
+                visible=_visible(data, tick, k, recorded),
                 detected=frozenset(seen_by),
                 shift=_shifts(data, results, k, seen_by),
                 missed=frozenset(truths[pairing.truth].tolist()) - set(match),
@@ -111,17 +112,11 @@ def _ids(columns: list[Ints]) -> Ints:
     return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *columns]))
 
 
-def _arrived(view: View, recorded: View) -> bool:
-    """Whether a view reached the tracker with its measurements."""
-    given = len(view.detections) or view.sightings is not None or view.image is not None
-    return bool(given) or (recorded.sightings is None and recorded.image is None)
-
-
-def _visible(data: TrialData, tick: Tick, k: int) -> Array:
-    """(m,) the largest visible share of each person over the views that reached the tracker."""
+def _visible(data: TrialData, tick: Tick, k: int, recorded: frozenset[int]) -> Array:
+    """(m,) the largest visible share of each person over the views that reached the tracker. recorded: `id` of the Detections of all views."""
     visible = data.truth[k].visible
-    recorded = {view.camera: view for view in data.recorded[k].views}
-    there = {view.camera for view in tick.views if _arrived(view, recorded[view.camera])}
+    # A fault that drops a view puts new, empty detections in place of its own.
+    there = {view.camera for view in tick.views if id(view.detections) in recorded}
     columns = [c for c, camera in enumerate(data.setup.mounts) if camera in there]
     return np.asarray(visible[:, columns].max(axis=1, initial=0.0))
 

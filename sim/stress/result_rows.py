@@ -10,7 +10,7 @@ from tracker.io.text_files import read_text
 SCHEMA = 1
 RESULTS = "results.jsonl"
 LARGEST = 1 << 28
-"""Bytes."""
+"""Largest size of the file, bytes."""
 
 
 def read_result_rows(path: Path) -> tuple[list[JsonObject], bool]:

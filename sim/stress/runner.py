@@ -1,4 +1,4 @@
-"""Trials, and their run on all cores or on a cluster into results.jsonl. The same command resumes an interrupted run.
+"""Trials, which run on all cores or on a cluster and write results.jsonl. The same command resumes an interrupted run.
 
 One trial is a case with a seed: it is simulated, tracked, scored and diagnosed. The result is a row of JSON values.
 """
@@ -169,7 +169,7 @@ def run_trials(
 ) -> list[dict[str, Any]]:
     """Run trials into a folder, and return all of its rows. Trials with a row without an error are not run again.
 
-    command: the command line, for run.json. pool: where trials run, None for one after another. limit: of the time of a trial, s.
+    command: the command line, for run.json. pool: where trials run, None for one after another. limit: time limit of a trial, s.
     progress: wraps the rows as they come, like tqdm. Raises ValueError where the folder is a file, holds
     something else or results of another version, and where another process writes into it.
     """
@@ -205,7 +205,7 @@ def _is_complete(folder: Path, row: dict[str, Any], trial: Trial) -> bool:
     """Whether a row holds all that a trial would give, its ablation too. Raises ValueError where the row is of another run."""
     asked = empty_row(trial)
     wanted = {name: asked[name] for name in ("scenario", "tracker", "rendered", "value", "detector")}
-    # Rows of 0.3.0 do not name the detector, which was never that in pixels.
+    # Rows of version 0.3.0 do not name the detector, which was never the one on pixels.
     older = {"detector": "simulated" if trial.pixels else asked["detector"]}
     check_same(folder, older | row, wanted, f"{row['id']} seed {row['seed']} of another run")
     return row["ladder"] is not None or not trial.can_ablate

@@ -261,11 +261,11 @@ ROOM_SWEEPS: dict[str, Sweep] = {
 KNOWN_SWEEPS = SWEEPS | RECORDING_SWEEPS | CAMERA_SWEEPS | ROOM_SWEEPS
 
 DETECTOR_SWEEPS = ("misses", "clutter", "box_noise", "detectors", "lasting")
-"""Sweeps of the independent detector, and of detector models; another detector model has errors of its own."""
+"""Sweeps that set the detector or its errors, so that they exclude another detector model."""
 FAULT_SWEEPS = ("dropout", "slip", "skew", "terrain", "kidnapped")
 TRACKER_SWEEPS = ("filter", "hypotheses", "moves")
 SATURATED = 0.98
-"""A sweep whose MOTA and IDF1 are all above this tells nothing of where a tracker breaks."""
+"""A sweep whose MOTA and IDF1 are all above this does not show where a tracker breaks."""
 
 
 @dataclass(frozen=True)
@@ -318,7 +318,7 @@ def cases(names: Iterable[str], start: Scenario) -> list[Case]:
 
 
 def _chosen(names: Iterable[str], known: Mapping[str, Sweep], beside: str = "") -> Iterator[tuple[Sweep, int]]:
-    """Sweep and number of each value that is meant: one, or all of a sweep without a number. Raises ValueError for one that there is not."""
+    """Sweep and number of each named value; a name without a number means all values. Raises ValueError for an unknown name or number."""
     for name in names:
         sweep, _, number = name.partition("/")
         if sweep not in known:
@@ -349,8 +349,8 @@ def _case(sweep: Sweep, number: int, start: Scenario) -> Case:
     elif sweep.name in ("seam", "focal"):
         scenario = replace(scenario, camera=_stitched(sweep, start.camera, value))
     elif sweep.name in CAMERA_SWEEPS and sweep.parameter != "difficulty":
-        # An effect of 0 is none.
-        effects = [text for text in (start.effects, f"{sweep.parameter}={value}" if value else "") if text]
+        # The value 0 means no effect.
+        effects = [*_without(start.effects, sweep.parameter), *([f"{sweep.parameter}={value}"] if value else [])]
         scenario = replace(scenario, effects=",".join(effects))
     else:
         scenario = replace(scenario, **{sweep.parameter: value}, speed=ROUGH_SPEEDS.get(sweep.name, scenario.speed))  # type: ignore[arg-type]
@@ -361,8 +361,13 @@ def _stitched(sweep: Sweep, camera: str, value: Value) -> str:
     """The text of a dual fisheye camera with this option. Raises ValueError for another camera."""
     if camera and not camera.startswith("dual-fisheye"):
         raise ValueError(f"--sweep {sweep.name} needs --camera dual-fisheye or none, got {camera[:40]!r}")
-    text = camera or STITCHED
-    return f"{text}{',' if ':' in text else ':'}{sweep.parameter}={value}"
+    model, _, options = (camera or STITCHED).partition(":")
+    return f"{model}:{','.join([*_without(options, sweep.parameter), f'{sweep.parameter}={value}'])}"
+
+
+def _without(text: str, name: str) -> list[str]:
+    """The items NAME=VALUE of a text, without that of a parameter that the sweep sets."""
+    return [item for item in text.split(",") if item.strip() and item.partition("=")[0].strip().replace("-", "_") != name]
 
 
 def _room_case(sweep: Sweep, number: int, start: Scenario) -> Case:
@@ -388,7 +393,7 @@ def _options(sweep: str, value: Value) -> dict[str, Value]:
 
 
 def recording_cases(names: Iterable[str], folder: str, cameras: int, start: Scenario) -> list[Case]:
-    """The cases of RECORDING_SWEEPS for the recording in `folder` with so many cameras. names: of sweeps or single cases; empty for all sweeps.
+    """The cases of RECORDING_SWEEPS for the recording in `folder`. cameras: their number. names: of sweeps or single cases; empty for all sweeps.
 
     Raises ValueError for an unknown name. Cases that would leave no camera are left out.
     """
@@ -410,7 +415,7 @@ def pets_cases(folder: str, start: Scenario) -> list[Case]:
 def saturated(rows: Iterable[Mapping[str, Any]]) -> list[str]:
     """Names of sweeps of at least two values whose scores are all above SATURATED, in the order of the rows.
 
-    rows: of results.jsonl. Rows with an error or without scores say nothing of a sweep that has others.
+    rows: of results.jsonl. Rows with an error or without scores are ignored.
     """
     scores: dict[str, list[float]] = {}
     values: dict[str, set[str]] = {}

@@ -17,7 +17,7 @@ from tracker.sequence.results import Results
 from tracker.types import Estimate, Setup, Tick
 
 TrackFunction = Callable[..., Iterable[Estimate]]
-"""Of a setup and its ticks, and of keyword arguments: parameters that `pilsim tune` may choose."""
+"""A function of a setup, its ticks, and keyword arguments, which are parameters that `pilsim tune` may choose."""
 PARAMETERS = "parameters"
 """The option with values by name: fields of pilsim's own tracker by path, or keyword arguments of a function."""
 

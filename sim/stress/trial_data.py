@@ -34,7 +34,7 @@ from tracker.types import Boxes, Detections, Setup, Tick, TicksInMemory, Truth, 
 from tracker.types.truth import evaluated_people
 
 EDGE_TOLERANCE = np.radians(1.5)
-"""A detection is false where an edge is off by more than this and four standard deviations, rad."""
+"""A detection is false where its direction or an edge is off by more than this plus four standard deviations, rad."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class TrialData:
         return self.person.get(id(detections), np.zeros(len(detections), dtype=np.int64))
 
     def matching_frames(self, results: Results, everybody: bool = False) -> list[MatchingFrame]:
-        """People and tracks of each frame; those of whom no view showed anything lately do not count, unless everybody does."""
+        """People and tracks of each frame. People whom no view showed lately do not count, unless `everybody` is true."""
         people = {t.index: (t.person_id, t.feet) for t in self.truth}
         return matching_frames(people, results.tracks, None if everybody else evaluated_people(self.truth, self.setup.period))
 

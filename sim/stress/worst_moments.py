@@ -102,7 +102,7 @@ def file_stem(key: tuple[str, int, str]) -> str:
 
 
 def draw_pictures(moments: Sequence[WorstMoment], evidence: TrialEvidence, data: TrialData, results: Results, stem: Path) -> list[dict[str, Any]]:
-    """The moments as JSON values. The first MAX_PICTURES get pictures, `stem`-1.png and so on, whose paths are relative to the folder of folders."""
+    """The moments as JSON values. The first MAX_PICTURES get pictures, `stem`-1.png and so on, with paths relative to the parent of their folder."""
     out = []
     for k, moment in enumerate(moments):
         pictures = []
@@ -116,7 +116,7 @@ def draw_pictures(moments: Sequence[WorstMoment], evidence: TrialEvidence, data:
 
 
 def draw(moment: WorstMoment, evidence: TrialEvidence, data: TrialData, results: Results) -> Image:
-    """The map, and beside it crops of panoramas, where there are some."""
+    """The map, beside crops of panoramas where there are images."""
     number = next(k for k, known in enumerate(evidence.frames) if known.index == moment.middle.frame)
     parts = [_draw_map(moment, number, evidence, data, results)]
     panels = _draw_crops(moment, number, data, results)

@@ -1,4 +1,4 @@
-"""Random crops of rendered images, with what is pasted into them, as training samples.
+"""Random crops of rendered images, with pasted people and objects, as training samples.
 
 A batch depends on the seed and its number alone, so that any number of processes gives the same training.
 """
@@ -20,11 +20,11 @@ from sim.training.targets import LEAST_HEIGHT, LEAST_VISIBLE, Targets, targets_o
 from tracker.geometry import Array, Mask
 
 SIZES = ((256, 16, (12.0, 210.0)), (256, 16, (12.0, 210.0)), (384, 7, (50.0, 370.0)))
-"""Kinds of batches in turn: edge of the crops, px; their number; and the heights of the chosen body, px, log-uniform."""
+"""Kinds of batches, used in turn: edge of the crops, px; their number; and bounds of the height of the chosen body, px, log-uniform."""
 PANORAMA_SHARE, CHOSEN_SHARE = 0.42, 0.87
-"""Share of crops from panoramas, and of crops around a chosen body; the others are anywhere."""
+"""Share of crops from panoramas, and of crops around a chosen body. Other crops are anywhere."""
 SCALES = (0.2, 2.4)
-"""Bounds of the pixels of a crop along a pixel of its image. Small bodies are searched in images of twice the size."""
+"""Bounds of the scale, px of the crop per px of its image. It may exceed 1, since the detector searches small bodies at twice the size."""
 LARGEST_WINDOW = 1.15
 """Largest edge of the part of an image that becomes a crop, in heights of the image."""
 ASPECT = 0.07
@@ -41,7 +41,7 @@ HIDDEN_SHARE, SCREEN_SHARE = 0.35, 0.1
 
 @dataclass(eq=False)
 class _CrowdCrop:
-    """A crop in the making: picture (S, S, 3), instances (S, S), and its bodies.
+    """A crop under construction: picture (S, S, 3), instances (S, S), and its bodies.
 
     boxes (n, 4) px, person (n,) their instances, visible (n,), cut (n,) at the edge of the image.
     """
@@ -180,7 +180,7 @@ class CropSampler:
         shown[part] = cv2.resize(instances, shape, interpolation=cv2.INTER_NEAREST)
         moved = boxes - np.tile(corner, 2)
         if wraps:
-            # Each body is taken at the turn of the panorama that puts it nearest to the middle of the window.
+            # Each body is shifted by full turns of the panorama to the place nearest to the middle of the window.
             turn = np.round(((moved[:, 0] + moved[:, 2]) / 2 - side[0] / 2) / limits[0]) * limits[0]
             moved = moved - turn[:, None] * np.array([1, 0, 1, 0])
         moved = moved * np.tile(size / side, 2)
@@ -273,7 +273,7 @@ class CropSampler:
         crop.paste(picture, np.full(picture.shape[:2], 255, np.uint8), (int(corner[0]), int(corner[1])), 0, behind=False)
 
     def _paste_screen(self, crop: _CrowdCrop, rng: np.random.Generator) -> None:
-        """Paste a part of another image within a frame, behind all bodies: people on screens are no people."""
+        """Paste a part of another image within a frame, behind all bodies: people on screens must not be detected."""
         images, index, _ = self._image(rng)
         size, (height, width) = len(crop.picture), images.instances.shape[1:]
         wide = int(size * rng.uniform(0.12, 0.6))

@@ -1,6 +1,6 @@
 """Random cameras that look at people: panoramas at the height of rovers, and pinhole cameras at eye level and on masts.
 
-Distances follow from the height that a body shall have in the image. All draws come from a generator of the caller.
+Distances follow from the desired height of a body in the image. All draws come from a generator of the caller.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ ATTEMPTS = 40
 
 @dataclass(frozen=True)
 class CameraBounds:
-    """Where cameras are. body: height of the chosen body in a pinhole image, px, log-uniform. nearest: m, of it.
+    """Where cameras are. body: height of the chosen body in a pinhole image, px, log-uniform. nearest: its least distance, m.
 
     panorama: distance of the chosen body from a panorama, m, log-uniform. rovers, eye_level, masts: heights above the ground, m, of panoramas
-    and of pinhole cameras. masted: share of those on masts. clear: free space around a camera, m.
+    and of pinhole cameras. masted: share of pinhole cameras on masts. clear: free space around a camera, m.
     hidden: distance of the first hit from the chosen body that still counts as seen, m. between: share of panoramas between two people.
     """
 
@@ -112,7 +112,7 @@ class CameraSampler:
     def _sees(self, at: Array, feet: Array) -> bool:
         """Whether a camera at `at` is over the ground, in free space, and sees the chest of the person at `feet`.
 
-        A body right before the person counts as the person.
+        A hit less than `hidden` m before the chest counts as the person.
         """
         ground = self.simulation.world.ground
         size = ground.spacing * (np.array(ground.heights.shape[::-1]) - 1)

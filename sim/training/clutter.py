@@ -1,4 +1,4 @@
-"""Things to paste into images that are no people: noise textures, cones, poles, boxes, signs and heaps. Everything is drawn from a generator."""
+"""Things to paste into images that are not people: noise textures, cones, poles, boxes, signs and heaps. All are drawn from a generator."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ TEXTURES, TEXTURE_SIZE = 48, 512
 """Number of textures of a bank, and their edge, px. A fresh texture for every crop costs more time than the rest of the augmentation."""
 KINDS = ("cone", "pole", "box", "sign", "heap", "tripod")
 SEPARATE = 3
-"""Number of octaves between the finest and the coarsest noise of the smoothest texture."""
+"""Number of coarsest octaves, at one of which the noise of a texture begins."""
 
 
 def texture_bank(rng: np.random.Generator) -> list[Picture]:

@@ -9,7 +9,7 @@ import cv2
 import matplotlib.figure
 import numpy as np
 
-from sim.training.evaluation import HEIGHTS, SEEN, FoundImage, judged
+from sim.training.evaluation import SEEN, FoundImage, heights_of, judged
 from sim.training.optimization import PARTS
 from sim.training.scene_rendering import ImageSet
 from tracker.geometry import Array
@@ -32,15 +32,16 @@ def draw_curves(rows: list[tuple[float, ...]], kinds: dict[str, list[FoundImage]
     loss.set(xlabel="step", title="parts of the loss")
     loss.legend()
     for kind, images in kinds.items():
-        logits, hits, count = judged(images, WantedBodies(HEIGHTS, SEEN), calibration[2])
+        low, high = heights_of(kind)
+        logits, hits, count = judged(images, WantedBodies((low, high), SEEN), calibration[2])
         order = np.argsort(-logits, kind="stable")
         right = np.cumsum(hits[order])
-        precision.plot(right / max(count, 1), right / np.arange(1, len(order) + 1), label=f"{kind}, {count} bodies")
+        precision.plot(right / max(count, 1), right / np.arange(1, len(order) + 1), label=f"{kind}, {count} bodies, {low:.0f}-{high:.0f} px")
         score = np.interp(logits, calibration[0], calibration[1])
         which = np.minimum((score * 10).astype(int), 9)
         shown = [k for k in range(10) if (which == k).sum() >= 10]
         reliability.plot([score[which == k].mean() for k in shown], [hits[which == k].mean() for k in shown], "o-", label=kind)
-    precision.set(xlabel="recall", ylabel="precision", xlim=(0, 1), ylim=(0, 1.02), title="held-out worlds, 20-256 px, seen at least by half")
+    precision.set(xlabel="recall", ylabel="precision", xlim=(0, 1), ylim=(0, 1.02), title="held-out worlds, seen at least by half")
     reliability.plot([0, 1], [0, 1], color="0.6")
     reliability.set(xlabel="score", ylabel="share of bodies", title="reliability of the scores")
     for axis in (precision, reliability):

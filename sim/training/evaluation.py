@@ -27,13 +27,15 @@ from tracker.person_detector.search_levels import search_levels
 from worlds.scenes import meeting_room
 
 LEAST_LOGIT = -4.5
-"""Of a box that is judged."""
+"""Least logit of a box that is evaluated."""
 SEEN = 0.5, np.inf
-"""Visible shares of the bodies of the headline."""
+"""Visible shares of the bodies of the main figure."""
 HEIGHTS = (20.0, 256.0)
-"""px: heights of the bodies of the headline."""
+"""px: heights of the bodies of the main figure."""
 HEIGHTS_INDOORS = (20.0, 577.0)
 """px: the same in rooms, where people are near."""
+ROOM = "room "
+"""How the titles of parts of the figures begin that are of rooms."""
 HEIGHT_BINS = (8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0)
 
 
@@ -57,7 +59,7 @@ class FoundImage:
         return self.boxes[:, 3] - self.boxes[:, 1]
 
     def suppressed(self, nms_iou: float) -> tuple[Array, Array]:
-        """One box for each body: left, top, right, bottom (k, 4) px, and logits (k,), the surest first."""
+        """One box for each body: left, top, right, bottom (k, 4) px, and logits (k,), descending."""
         found = self.found.select(kept_rows(self.found.box, self.found.score, nms_iou, self.period))
         return np.concatenate([found.box[:, :2], found.box[:, :2] + found.box[:, 2:]], axis=1), found.score
 
@@ -65,7 +67,7 @@ class FoundImage:
 def found_images(detector: PersonDetector, sets: Iterable[tuple[str, ImageSet]], wraps: bool) -> list[FoundImage]:
     """What is found in all images of some sets, each with the name of its world. wraps: whether they are panoramas.
 
-    People whom the border of an image cuts count in rooms alone; true and found boxes end there.
+    People cut by the border of an image count only in rooms; true and found boxes end at the border.
     """
     out = []
     for world, images in sets:
@@ -89,13 +91,18 @@ def judged(images: list[FoundImage], wanted: WantedBodies, nms_iou: float) -> tu
         boxes, visible = image.boxes[there], image.visible[there]
         good = ~image.cut[there] & wanted.of_this_height(boxes) & (visible >= wanted.visible[0]) & (visible < wanted.visible[1])
         count += int(good.sum())
-        # Bodies that are ignored take any number of boxes, as crowds in COCO do.
+        # Ignored bodies take any number of boxes, as crowds in COCO do.
         body = match_by_score(box_overlaps(found, boxes, image.period), good, np.array([IOU]), ~good)[0]
         hit = np.append(good, False)[body]
         counted = hit | ((body == NOBODY) & wanted.of_this_height(found))
         logits.append(logit[counted])
         hits.append(hit[counted])
     return np.concatenate(logits or [np.zeros(0)]), np.concatenate(hits or [np.zeros(0, bool)]), count
+
+
+def heights_of(title: str) -> tuple[float, float]:
+    """The heights, px, of the bodies of the main figure of a part."""
+    return HEIGHTS_INDOORS if title.startswith(ROOM) else HEIGHTS
 
 
 def figures(images: list[FoundImage], nms_iou: float, heights: tuple[float, float] = HEIGHTS) -> dict[str, float | int]:
@@ -112,13 +119,13 @@ def figures(images: list[FoundImage], nms_iou: float, heights: tuple[float, floa
     return {name: round(value, 4) for name, value in out.items()}
 
 
-def feet_errors(images: list[FoundImage], nms_iou: float) -> Array:
+def feet_errors(images: list[FoundImage], nms_iou: float, heights: tuple[float, float] = HEIGHTS) -> Array:
     """Errors (k,) of the lower edge of found bodies, as a share of their height; positive is too low."""
     errors = []
     for image in images:
         found, logit = image.suppressed(nms_iou)
         found = found[logit > 0.0]
-        good = np.flatnonzero((image.visible >= SEEN[0]) & ~image.cut & (image.heights >= HEIGHTS[0]) & (image.heights < HEIGHTS[1]))
+        good = np.flatnonzero((image.visible >= SEEN[0]) & ~image.cut & (image.heights >= heights[0]) & (image.heights < heights[1]))
         if not len(good) or not len(found):
             continue
         iou = box_overlaps(found, image.boxes[good], image.period)
@@ -129,11 +136,11 @@ def feet_errors(images: list[FoundImage], nms_iou: float) -> Array:
 
 
 NMS_IOUS = (0.45, 0.5, 0.55, 0.6, 0.65, 0.7)
-"""Overlaps that are tried."""
+"""IoU thresholds of the suppression that are tried."""
 BINS, LEAST_IN_BIN = 24, 8
 """Number of bins, and least number of found bodies in one."""
 MIN_SCORE = 0.05
-"""Probability below which a box is not worth its name."""
+"""Probability below which the detector drops a box."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +152,7 @@ class Calibration:
 
 
 def calibrate(images: list[FoundImage]) -> Calibration:
-    """The calibration from images that were not trained on."""
+    """The calibration from images that were not used for training."""
     wanted = WantedBodies((12.0, 512.0), (LEAST_VISIBLE, np.inf))
     scores = {iou: np.nan_to_num(average_precision(*judged(images, wanted, iou))) for iou in NMS_IOUS}
     best = max(scores, key=lambda iou: scores[iou])
@@ -154,7 +161,7 @@ def calibrate(images: list[FoundImage]) -> Calibration:
 
 
 def corners(logits: Array, hits: Mask) -> tuple[tuple[float, float], ...]:
-    """Pairs of logit and probability of boxes with logits (n,) that are bodies or not (n,); the line from 0 to 1 where there are too few boxes."""
+    """Pairs of logit and probability, from boxes with logits (n,) and hits (n,), True for bodies; a line from 0 to 1 for too few hits."""
     bins = min(BINS, int(hits.sum()) // LEAST_IN_BIN)
     if bins < 2:
         return ((-10.0, 0.0), (10.0, 1.0))

@@ -1,6 +1,6 @@
 """The network: a residual trunk to stride 32, a top-down pathway (Lin et al. 2017), and one head at stride 4. Needs torch.
 
-Bottlenecks keep the cost low: about 2 thousand million multiplications for 768 x 576 px.
+Bottlenecks keep the cost low: about 2·10⁹ multiplications for 768 x 576 px.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ PRIOR = 0.01
 """Score of every cell before training (Lin et al. 2017, focal loss)."""
 EDGES = 4
 PIXEL_SCALE = 1 / 64
-"""Pictures are divided by 64 after their mean, 0.45 of 1, is taken off: the same as (x − 0.45) · 255 / 64."""
+"""Images x in 0..1 are normalized to (x − 0.45) · 255 / 64."""
 
 
 class _ConvBlock(nn.Sequential):

@@ -65,10 +65,10 @@ def quantize(graph: Path, out: Path, pictures: Iterable[NDArray[np.uint8]]) -> N
 
 
 def take_weights(network: nn.Module, file: Path, pictures: Iterable[NDArray[np.uint8]]) -> None:
-    """Give a network the weights of an exported model, so that it says the same up to the rounding of its 8 bits.
+    """Give a network the weights of an exported model, so that its outputs agree up to the rounding to 8 bits.
 
-    Export has joined the normalizations with the convolutions. They are made anew with the means and variances of channels on pictures
-    (b, H, W, 3) RGB, so that training begins where the model is. Raises ValueError for a model of other shapes.
+    Export has folded the normalizations into the convolutions. They are restored with the means and variances of channels on pictures
+    (b, H, W, 3) RGB, so that training continues from the model. Raises ValueError for a model of other shapes.
     """
     found, parts = _convolutions(file), dict(network.named_modules())
     plain = {name: part for name, part in parts.items() if isinstance(part, nn.Conv2d)}
@@ -107,7 +107,7 @@ def _moments(x: Tensor) -> Tensor:
 
 
 def _convolutions(file: Path) -> dict[str, tuple[Tensor, Tensor]]:
-    """Name of each convolution of an exported model, as of the part of the network → its weights and its bias in floating point."""
+    """Name of each convolution of an exported model, which is that of its module → its weights and its bias in floating point."""
     import onnx
 
     graph = onnx.load(file).graph
@@ -121,7 +121,7 @@ def _convolutions(file: Path) -> dict[str, tuple[Tensor, Tensor]]:
     out = {}
     for node in graph.node:
         if node.op_type == "Conv":
-            # A node has the names of the parts around it, as /network/stages.0/stages.0.1/inner/inner.0/Conv.
+            # A node's name holds those of the modules around it, as /network/stages.0/stages.0.1/inner/inner.0/Conv.
             path = node.name.split("/")[2:-1]
             name = ".".join(part for part, inner in zip(path, [*path[1:], ""], strict=True) if not inner.startswith(f"{part}."))
             weight, bias = (torch.from_numpy(np.array(values[of])) for of in node.input[1:3])
@@ -158,7 +158,7 @@ def export(network: nn.Module, file: Path, pictures: Iterable[NDArray[np.uint8]]
     with new_file(file) as part, TemporaryDirectory() as folder:
         exact = Path(folder) / "exact.onnx"
         with warnings.catch_warnings():
-            # The exporter by tracing is the one that gives a plain graph, and says that another one exists.
+            # Only the tracing exporter gives a plain graph. It warns that a newer exporter exists.
             warnings.simplefilter("ignore")
             torch.onnx.export(
                 _Exported(network.eval()), (torch.zeros(1, 3, 64, 64),), exact, dynamo=False, opset_version=OPSET,

@@ -66,11 +66,11 @@ def generalized_iou(a: Tensor, b: Tensor) -> Tensor:
 
 
 RATE, TUNING_RATE, WARM_UP, DECAY = 2e-3, 8e-4, 200, 0.02
-"""Largest learning rate from the start and of a trained model, steps until it is reached, and weight decay."""
+"""Largest learning rates from random weights and from a trained model, steps until they are reached, and weight decay."""
 START_BATCHES = 12
 """Batches whose statistics normalize the channels of a trained model."""
 AVERAGE = 0.998
-"""Decay of the moving average of the weights, which is what is kept (Polyak & Juditsky 1992)."""
+"""Decay of the moving average of the weights, which is the result (Polyak & Juditsky 1992)."""
 LARGEST_GRADIENT = 10.0
 SAVED_EVERY, ROW_EVERY = 250, 50
 """Steps between checkpoints, and between rows of the curve."""
@@ -130,7 +130,7 @@ class _Batches(torch.utils.data.Dataset):
 def optimize(sampler: CropSampler, steps: int, folder: Path, workers: int, start: Path | None = None) -> nn.Module:
     """Train for `steps` batches, and return the averaged network.
 
-    It continues from a checkpoint in `folder`, and writes checkpoints and curve.csv there. start: a model whose weights are the first ones.
+    It continues from a checkpoint in `folder`, and writes checkpoints and curve.csv there. start: a model whose weights are the initial ones.
     workers: number of processes that make batches; the result is the same with any number. The network is trained in one thread.
     """
     torch.set_num_threads(1)
@@ -158,7 +158,7 @@ def optimize(sampler: CropSampler, steps: int, folder: Path, workers: int, start
 
 
 def _loaded(sampler: CropSampler, numbers: range, workers: int) -> Iterator[dict[str, Tensor]]:
-    # A fork would inherit locks of the threads that OpenCV and onnxruntime have, and wait for ever.
+    # A fork would inherit locks of the threads that OpenCV and onnxruntime have, and deadlock.
     processes: dict[str, Any] = {"num_workers": workers, "worker_init_fn": _one_thread, "prefetch_factor": 8, "multiprocessing_context": "spawn"}
     if not workers:
         _one_thread(0)

@@ -1,4 +1,4 @@
-"""Photometric augmentation: light, colour, lens, sensor and compression of a camera. Every look is drawn from a generator."""
+"""Photometric augmentation: light, colour, lens, sensor and compression of a camera. All parameters are drawn from a generator."""
 
 from __future__ import annotations
 

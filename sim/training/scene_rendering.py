@@ -44,7 +44,7 @@ VARIED_SHARE = 0.6
 LIGHTS = {"built": 0.35, "overcast": 0.3, "low": 0.2, "dim": 0.15}
 """Kind of light (sim.simulation.lighting) → share of scenes."""
 PLACES = ("campus", "forest", "hills", "pilsun", "quarry", "ruins", "tunnel")
-"""The worlds of the scenes. A new world is not added by itself, since scenes must not depend on how many worlds there are."""
+"""The worlds of the scenes. New worlds are not added automatically, since scenes must not depend on the number of worlds."""
 TWICE = ("campus", "pilsun")
 """Worlds of which twice as many scenes are made: they alone have furniture and streets."""
 ROOMS, ROOM_PINHOLES = 7, 2
@@ -56,7 +56,7 @@ PANORAMAS, PINHOLES = "panorama", "pinhole"
 
 @dataclass(frozen=True)
 class SceneTask:
-    """A scene to render. folder: its place. seed: of its scenario. world: its name, a name of worlds.catalogue or that of meeting rooms.
+    """A scene to render. folder: its output. seed: of its scenario. world: its name, a name of worlds.catalogue or that of meeting rooms.
 
     moments: number of moments. panoramas, pinholes: images of each kind at every moment.
     plain: whether world, crowd and light are as `pilsim generate` makes them by default, as for evaluation.

@@ -1,4 +1,4 @@
-"""Training targets of a crop: what the network shall say in every cell, from boxes of whole bodies.
+"""Training targets of a crop: the desired output of the network in every cell, from boxes of whole bodies.
 
 The heat of a body is a Gaussian whose axes follow the box (Liu et al. 2020, TTFNet); its peak is 1 in the cell of the centre.
 """
@@ -17,13 +17,13 @@ STRIDE = 4
 SPREAD, NARROWEST = 0.54 / 6, 0.35
 """Sigma of the heat as a share of the box, and its lower bound in cells."""
 EDGE_HEAT = 0.2
-"""Least heat of a cell that learns the edges."""
+"""Least heat of a cell whose edges are trained."""
 LEAST_VISIBLE, HIDDEN = 0.1, 0.03
-"""Least visible share of a body that is to be found. Less is ignored down to HIDDEN, and nothing below it."""
+"""Least visible share of a body to be found. Bodies with less are ignored; those below HIDDEN count as background."""
 WEIGHTS = (0.1, 0.5), (0.35, 1.0)
-"""Visible shares, and the weights of bodies there: of whom little is seen, the whole body is partly a guess."""
+"""Visible shares, and the weights of bodies at these shares: where little is seen, the extent of the whole body is uncertain."""
 LEAST_INSIDE, CUT_WEIGHT = 0.2, 0.5
-"""Least share of a body's box inside of the crop for it to be found, and the weight of bodies that a border cuts."""
+"""Least share of a body's box inside of the crop for it to be found, and the weight of bodies cut by a border."""
 LEAST_HEIGHT = 11.0
 """px: smaller bodies are ignored."""
 
@@ -34,7 +34,7 @@ class Targets:
 
     heat (1, h, w) in [0, 1]. counted (1, h, w): 0 where a cell without a body is ignored, else 1.
     edges (4, h, w): distances px from the cell's centre to left, top, right and bottom. weight (1, h, w): of the edges, 0 for none;
-    where heat is 1, that of the body's score, too.
+    where heat is 1, also the weight of the score.
     """
 
     heat: NDArray[np.float32]
@@ -46,7 +46,7 @@ class Targets:
 def targets_of(boxes: Array, visible: Array, cut: Mask, size: int) -> Targets:
     """Targets for bodies with boxes (n, 4) px and visible shares (n,), cut (n,) by the border of their image, in a crop of `size` px.
 
-    A body whose middle lies outside of the crop has the box of its part inside. The detector cuts boxes at the border, too.
+    A body whose middle lies outside of the crop has the box of its part inside. The detector clips boxes at the border, too.
     """
     cells = size // STRIDE
     heat, counted = np.zeros((cells, cells), np.float32), np.ones((cells, cells), np.float32)
@@ -78,7 +78,7 @@ def targets_of(boxes: Array, visible: Array, cut: Mask, size: int) -> Targets:
 
 
 def _within(boxes: Array, cut: Mask, size: int) -> tuple[Array, Mask, Array]:
-    """Boxes (n, 4) px whose middles are in the crop, whether a border cuts what is known of each, and the shares (n,) of their areas inside."""
+    """Boxes (n, 4) px, clipped if their middle is outside the crop; whether a border cuts each (n,); and shares (n,) of their areas inside."""
     clipped = np.clip(boxes, 0, size)
     middle = (boxes[:, :2] + boxes[:, 2:]) / 2
     outside: Mask = np.any((middle < 0) | (middle >= size), axis=1)

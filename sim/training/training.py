@@ -17,7 +17,7 @@ import numpy as np
 
 from sim.parallel.pool import Pool
 from sim.training.augmentation import CropSampler
-from sim.training.evaluation import HEIGHTS, HEIGHTS_INDOORS, MIN_SCORE, Calibration, FoundImage, calibrate, feet_errors, figures, found_images
+from sim.training.evaluation import MIN_SCORE, ROOM, Calibration, FoundImage, calibrate, feet_errors, figures, found_images, heights_of
 from sim.training.scene_rendering import PANORAMAS, PINHOLES, PLACES, ROOMS, ImageSet, SceneTask, scene_tasks
 from tracker.io.atomic import write_text
 from tracker.io.file_lock import folder_lock
@@ -38,9 +38,9 @@ SHOWN_FRAMES = 10
 HELD_OUT_ROOMS = 2
 """Number of held-out meeting rooms for each seed of held-out worlds."""
 UNCALIBRATED = {"version": 1, "calibration": [[-10.0, 0.0], [10.0, 1.0]], "min_score": 0.0, "nms_iou": 1.0}
-"""Metadata of the model while its calibration is sought."""
+"""Metadata of the model during its calibration."""
 RANGE_BATCHES = 12
-"""Batches of crops after those of the training, which decide the ranges of activations."""
+"""Number of batches of crops, after those of the training, that set the ranges of activations."""
 NEEDED = ("torch", "onnx", "onnxruntime")
 """Packages of the extra `train`."""
 
@@ -50,8 +50,8 @@ class TrainingPlan:
     """A training. seed: of all draws. scenes, moments: rendered scenes, and moments of each. steps: of the optimizer.
 
     calibration, held_out: number of scenes for the calibration and for the evaluation. workers: number of processes; it changes no result.
-    rich: whether scenes have people in groups, sitters, varied clothing and wet ground, never those of held_out.
-    It also adds meeting rooms, to those of held_out, too. start: a model whose weights are the first ones, None for random ones.
+    rich: whether scenes, except the held-out worlds, have people in groups, sitters, varied clothing and wet ground.
+    It also adds meeting rooms, to the held-out scenes, too. start: a model with the initial weights, None for random weights.
     Raises ValueError for a number out of bounds.
     """
 
@@ -74,7 +74,7 @@ class TrainingPlan:
 
     @property
     def order(self) -> dict[str, int | str]:
-        """What decides the result, as JSON values. Whatever older orders did not have is there only where it is on, so that they stay valid.
+        """The options that decide the result, as JSON values. Newer options appear only where they are on, so that older orders stay valid.
 
         Raises OSError where the model to start from cannot be read.
         """
@@ -170,7 +170,7 @@ def _trained(plan: TrainingPlan, folder: Path, tasks: dict[str, list[SceneTask]]
 
 def _judged(tasks: dict[str, list[SceneTask]]) -> dict[str, tuple[list[SceneTask], str]]:
     """Title of each part of the figures → its scenes and the kind of its images."""
-    parts = {"": tasks["held-out"], "room ": tasks["rooms"]}
+    parts = {"": tasks["held-out"], ROOM: tasks["rooms"]}
     return {f"{where}{kind}": (own, kind) for where, own in parts.items() for kind in (PANORAMAS, PINHOLES) if own}
 
 
@@ -180,13 +180,12 @@ def _found(detector: PersonDetector, tasks: list[SceneTask], kind: str) -> list[
 
 
 def _figures(kinds: dict[str, list[FoundImage]], calibration: Calibration) -> dict[str, Any]:
-    """By title: average precisions and recalls, and mean and standard deviation of the feet's error over the height."""
+    """By title: average precisions, number of bodies, and mean and standard deviation of the feet's error over the height."""
     out: dict[str, Any] = {}
     for kind, images in kinds.items():
-        feet = feet_errors(images, calibration.nms_iou)
+        feet = feet_errors(images, calibration.nms_iou, heights_of(kind))
         spread = {"feet, mean": float(feet.mean()), "feet, deviation": float(feet.std())} if len(feet) else {}
-        heights = HEIGHTS if kind in (PANORAMAS, PINHOLES) else HEIGHTS_INDOORS
-        named = figures(images, calibration.nms_iou, heights) | {name: round(value, 4) for name, value in spread.items()}
+        named = figures(images, calibration.nms_iou, heights_of(kind)) | {name: round(value, 4) for name, value in spread.items()}
         # JSON has no NaN: figures without bodies are left out.
         out[kind] = {name: value for name, value in named.items() if np.isfinite(value)}
     return out

@@ -23,16 +23,16 @@ from tracker.recordings.recording import RecordingRobot
 from tracker.types import Odometry, Start
 
 VERSION = 4
-"""Of the population: cases of other versions are refused."""
+"""Version of the population; cases of other versions are refused."""
 PIXEL, METRE, SHARE = 100, 1000, 10000
-"""Steps to which boxes, places, and confidences and visible shares are rounded."""
+"""Steps per px, m and 1 to which boxes, positions, and confidences and visible shares are rounded."""
 TINY_VARIANCE = 1e-10
-"""m², rad²: of the poses of rovers, which are true."""
+"""m², rad²: variance of the poses of rovers, which are true."""
 
 
 @dataclass(frozen=True, eq=False)
 class PopulationCase:
-    """A case: its number and seed, its kind (kinds.BLOCK), the recording with exact truth, and frames by which estimates may be late."""
+    """A case: its number and seed, its kind (kinds.BLOCK), the recording with exact truth, and the delay of estimates, frames."""
 
     number: int
     seed: int
@@ -51,7 +51,7 @@ def case_path(folder: Path, number: int, seed: int) -> Path:
 
 
 def write_case(path: Path, case: PopulationCase) -> None:
-    """Write a case whole or not at all. Raises OSError where the file cannot be written."""
+    """Write a case atomically. Raises OSError where the file cannot be written."""
     recording = case.recording
     names = list(recording.cameras)
     boxes = [(names.index(name), frame, *found) for name, of in recording.detections.items() for frame, found in sorted(of.items())]

@@ -14,7 +14,7 @@ from tracker.geometry import Array, Ints, Pose
 
 SCALES = ("given", "power", "logistic", "logit", "percent", "one", "none")
 SCALE_SHARES = (0.34, 0.22, 0.14, 0.08, 0.06, 0.10, 0.06)
-"""How often each occurs."""
+"""Probability of each scale."""
 MODELS = {
     "fairmot": (0.28, 8.4),
     "faster-rcnn": (0.28, 8.4),
@@ -22,16 +22,16 @@ MODELS = {
     "pets-det": (0.08, 30.0),
     "pixels": (0.18, 20.0),
 }
-"""Shipped model → how often a detector is drawn around it, and the diagonal of the place of its fit, m."""
+"""Shipped model → probability that a detector is drawn around it, and the diagonal of the place where it was fitted, m."""
 MOST_FALSE = (1.5, 8.0)
-"""Most new false boxes a view and frame, and most places of standing ones a view."""
+"""Largest mean numbers of new false boxes per view and frame, and of places with lasting false boxes per view."""
 BODY_WIDTH = BODY[1]
 """m: diameter of the cylinder that stands for a body."""
 NO_CONFIDENCE = -1.0
 """The confidence of boxes without one, as MOTChallenge has it."""
 ONE_NUMBER = 0.95
 LOOSE, STRICT = 0.05, 0.3
-"""Least confidences, in the detector's own scale, of detectors that give weak boxes, too, and of those that do not."""
+"""Least confidences, on the model's scale from 0 to 1, of detectors that report weak boxes, too, and of those that do not."""
 
 
 def inside_bounds(confidence: Array) -> Array:
@@ -41,9 +41,9 @@ def inside_bounds(confidence: Array) -> Array:
 
 @dataclass(frozen=True)
 class ConfidenceScale:
-    """What a detector says in place of a confidence c in [0, 1]: an increasing function of it, one number, or none (NO_CONFIDENCE).
+    """The value that a detector reports for a confidence c in [0, 1]: an increasing function of c, one number, or NO_CONFIDENCE.
 
-    least: boxes of less are not given. number: exponent, or steepness.
+    least: boxes with a lower c are not reported. number: exponent, or steepness.
     """
 
     kind: str
@@ -54,11 +54,11 @@ class ConfidenceScale:
     def drawn(rng: np.random.Generator) -> ConfidenceScale:
         kind = str(rng.choice(SCALES, p=SCALE_SHARES))
         least = float(rng.choice([LOOSE, STRICT, rng.uniform(LOOSE, STRICT)]))
-        # Without confidences, only a detector that cuts its weak boxes is of use.
+        # Without confidences, only a detector that drops its weak boxes is useful.
         return ConfidenceScale(kind, float(np.exp(rng.uniform(-1.2, 1.2))), STRICT if kind in ("one", "none") else least)
 
     def kept(self, confidence: Array) -> Ints:
-        """Rows of the boxes that are given."""
+        """Rows of the boxes that are reported."""
         return np.flatnonzero(confidence >= self.least)
 
     def said(self, confidence: Array) -> Array:
@@ -90,7 +90,7 @@ class DrawnDetector:
 
     @staticmethod
     def fitted(model: DetectorModel) -> DrawnDetector:
-        """A model that was fitted to a camera: its edges have the bias of feet."""
+        """A model that was fitted to a camera: its errors of edges include the bias of feet."""
         return DrawnDetector(model, ConfidenceScale("given", 1.0, -np.inf), BODY_WIDTH / 2)
 
 
@@ -129,7 +129,7 @@ def drawn_model(base: DetectorModel, rng: np.random.Generator) -> DetectorModel:
     edges = replace(e, quantiles=_rows(quantiles), near=0.0, trend=(), trend_bounds=(), time_s=tuple(t * _factor(rng, 0.3) for t in e.time_s))
     second, false, standing = base.second, base.false, base.standing
     rate = min(_factor(rng, 0.6), 2.5)
-    # Hardly a body is cut by the border where models were fitted.
+    # In the recordings of the fits, the image border cuts hardly any body.
     known = (*c.coefficients[:-1], max(c.coefficients[-1], -4.0))
     return replace(
         base,
@@ -151,12 +151,12 @@ def _factor(rng: np.random.Generator, sigma: float) -> float:
 
 
 def _shifted(coefficients: tuple[float, ...], factor: float) -> tuple[float, ...]:
-    """Coefficients of a logistic function with a constant by which small probabilities are `factor` as large."""
+    """Coefficients of a logistic function, shifted so that small probabilities are multiplied by `factor`."""
     return (coefficients[0] + float(np.log(factor)), *coefficients[1:]) if coefficients else ()
 
 
 def _stretched(quantiles: Array) -> tuple[float, ...]:
-    """Confidences of which the lowest are LOOSE: a detector with a low threshold, before weak boxes are cut."""
+    """Quantiles of confidences, stretched so that the lowest is at most LOOSE, as of a detector with a low threshold."""
     low, high = float(quantiles[0]), float(quantiles[-1])
     share = (high - quantiles) / max(high - low, 1e-9)
     return tuple(np.round(quantiles - (low - min(low, LOOSE)) * share, 5).tolist())
@@ -168,7 +168,7 @@ def _rows(values: Array) -> tuple[tuple[tuple[float, ...], ...], ...]:
 
 @dataclass(frozen=True, eq=False)
 class CameraErrors:
-    """By how much a camera is not as it is told: its pose (right tangent), and steps by which its clock is late."""
+    """Errors of the calibration that the tracker gets: of the pose (right tangent), and steps by which the clock is late."""
 
     pose: Pose
     late: int

@@ -1,4 +1,4 @@
-"""Kinds of synthetic cases: what place, whom, and which cameras each has: in corners of rooms, on masts, on tripods, and on rovers."""
+"""Kinds of synthetic cases: place, people and cameras of each. Cameras are in corners of rooms, on masts, on tripods, and on rovers."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from tracker.geometry.cameras import Camera, Panorama, Pinhole
 from tracker.recordings import RecordingCamera
 
 WIDTHS = (768, 1280, 1920)
-"""px."""
+"""px: widths of the images of pinhole cameras."""
 PANORAMAS = (1024, 1280, 2048)
 ROVER_HEIGHT = (1.0, 1.5)
 """m: of the panorama on a rover."""
 BLOCK = ("lab", "lab", "lab", "lab", "lab", "office", "office", "office", "hall", "hall", "hall", "square", "square", "square", "square",
          "outdoor", "outdoor", "outdoor", "rovers", "rovers")  # fmt: skip
-"""Kinds of 20 cases that follow each other, in an order of their own; a third are small rooms full of people, or with furniture."""
+"""Kinds of 20 consecutive cases, in random order. Eight are small rooms, full of people or furnished."""
 MOST_WORK, MOST_FRAMES, LEAST_FRAMES = 2200, 120, 30
-"""Frames times people times cameras of a case, so that it is tracked within seconds; bounds of its frames."""
+"""Largest product of frames, people and cameras of a case, so that tracking takes seconds; bounds of the number of frames."""
 
 
 def pinhole_of(rng: np.random.Generator, view: tuple[float, float]) -> Pinhole:
@@ -80,7 +80,7 @@ def standing_panoramas(around: Surroundings, count: int, rng: np.random.Generato
 
 
 def rover_poses(path: Array, around: Surroundings) -> list[Pose]:
-    """Level poses of a rover at places (steps, 2) m, that look where it goes; it keeps its heading while it stands."""
+    """Level poses of a rover at positions (steps, 2) m. The heading follows the motion, and is kept while the rover stands."""
     z = around.ground.height_at(path)
     heading, out = 0.0, []
     ahead = np.concatenate([path[4:], np.repeat(path[-1:], 4, axis=0)])[: len(path)]
@@ -104,7 +104,7 @@ def _ground(around: Surroundings, place: Array) -> float:
 
 
 def _nearest_free(around: Surroundings, place: Array) -> Array:
-    """The nearest place (2,) m with nothing beside it, so that no tree or wall stands before the camera."""
+    """The nearest place (2,) m with free space around it, so that no tree or wall blocks the view of the camera."""
     free = around.free
     points = free.points(free.clearance > min(0.3, 0.5 * float(free.clearance.max())))
     return np.asarray(points[int(np.argmin(np.linalg.norm(points - place, axis=1)))])
@@ -112,7 +112,7 @@ def _nearest_free(around: Surroundings, place: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class CaseScene:
-    """A case before anybody walks: place, people at once and in all, what they do, fixed cameras, number of rovers, frames/s."""
+    """A case before walks are simulated: place, numbers of people at once and in all, habits, fixed cameras, number of rovers, frames/s."""
 
     around: Surroundings
     at_once: int
@@ -125,7 +125,7 @@ class CaseScene:
 
     @property
     def frames(self) -> int:
-        """As many as can be tracked within seconds."""
+        """Number of frames, small enough that tracking takes seconds."""
         seen = self.at_once * (len(self.cameras) + self.rovers)
         return int(np.clip(round(MOST_WORK / seen), min(LEAST_FRAMES, self.most_frames), self.most_frames))
 
@@ -141,12 +141,12 @@ def _from_origin(size: tuple[float, float]) -> Array:
 
 
 def _turnover(people: int, rng: np.random.Generator, most: float) -> int:
-    """People in all where some come and go."""
+    """Number of people in all, where some come and go."""
     return people + (int(rng.integers(0, max(1, round(most * people)) + 1)) if rng.random() < 0.6 else 0)
 
 
 def _lab(rng: np.random.Generator) -> CaseScene:
-    """A small room full of people who stand near each other and walk between, before cameras in its corners."""
+    """A small room full of people who stand close together or walk, with cameras in its corners."""
     size = float(rng.uniform(5.0, 10.0)), float(rng.uniform(3.0, 6.0))
     people = int(rng.integers(8, 17)) if rng.random() < 0.75 else int(rng.integers(2, 8))
     people = min(people, round(size[0] * size[1] / 1.5))
@@ -170,7 +170,7 @@ def _office(rng: np.random.Generator) -> CaseScene:
 
 
 def _hall(rng: np.random.Generator) -> CaseScene:
-    """A large hall with columns, before many cameras."""
+    """A large hall with columns and many cameras."""
     size = float(rng.uniform(12.0, 30.0)), float(rng.uniform(8.0, 20.0))
     people = int(rng.integers(6, 41))
     around = floor(_from_origin(size), furniture(size, 0.015, rng), int(rng.integers(2, 5)), rng)
@@ -180,7 +180,7 @@ def _hall(rng: np.random.Generator) -> CaseScene:
 
 
 def _square(rng: np.random.Generator) -> CaseScene:
-    """A square in the open before cameras on masts: few people as in PETS 2009, or as many as in WILDTRACK."""
+    """An outdoor square with cameras on masts: few people as in PETS 2009, or as many as in WILDTRACK."""
     size = float(rng.uniform(14.0, 36.0)), float(rng.uniform(10.0, 26.0))
     people = int(rng.integers(1, 13)) if rng.random() < 0.5 else int(rng.integers(13, 61))
     around = floor(_from_origin(size), furniture(size, 0.003, rng), int(rng.integers(3, 8)), rng)
@@ -190,8 +190,8 @@ def _square(rng: np.random.Generator) -> CaseScene:
 
 
 def _outdoor(rng: np.random.Generator) -> CaseScene:
-    """A world with relief and things that hide people, before fixed cameras and rovers."""
-    around, _ = outdoor(str(rng.choice(OUTDOOR_WORLDS)), float(rng.uniform(0.2, 0.8)), rng)
+    """A world with relief and occluders, with fixed cameras and rovers."""
+    around = outdoor(str(rng.choice(OUTDOOR_WORLDS)), float(rng.uniform(0.2, 0.8)), rng)
     people, rovers = int(rng.integers(3, 41)), int(rng.integers(0, 5))
     habits = Habits(rng.uniform(0.0, 0.5), 0.0, 0.0, rng.uniform(3.0, 12.0), rng.uniform(0.9, 1.3), (0.4, 1.2))
     fixed = int(rng.integers(max(0, 3 - rovers), 5)) if rovers < 4 else int(rng.integers(0, 3))

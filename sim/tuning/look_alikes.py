@@ -1,4 +1,4 @@
-"""Things that a detector takes for people, in all views: coat stands, posts, chairs, plants. They stand, and are found less surely than people."""
+"""Things that a detector takes for people, in all views: coat stands, posts, chairs, plants. They are detected less surely than people."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from tracker.geometry import Array
 SHARE = 0.35
 """Share of the cases with such things."""
 DENSITY, MOST = 0.06, 8.0
-"""Mean number of them a square metre, and at most, beside one."""
+"""Mean number per square metre, and its limit per case; one more thing always stands there."""
 NEAR_WALL = 0.6
 """m: they stand no farther than this from walls and furniture."""
 HEIGHTS = (0.8, 1.9)
 """m: bounds of their heights."""
 FOUND, FOUND_TIME = (0.25, 0.9), 3.0
-"""Bounds of the share of boxes of a person in their place that they have, and s for which a view finds them, or not."""
+"""Bounds of their detection rate relative to a person in their place, and time constant of detections in a view, s."""
 WEAKER, NOISE = (0.3, 3.5), 0.3
-"""Bounds of what the logit of their confidences is less, and its standard deviation from box to box."""
+"""Bounds of the reduction of the logit of their confidences, and its standard deviation from box to box."""
 
 
 @dataclass(frozen=True, eq=False)
 class LookAlikes:
-    """The n things of a case: place (n, 2) m, height (n,) m, found (n,) and weaker (n,) as FOUND and WEAKER, and the seed of what the views see."""
+    """The n things of a case: place (n, 2) m, height (n,) m, found (n,) and weaker (n,) as FOUND and WEAKER, and the seed of their detections."""
 
     place: Array
     height: Array
@@ -42,7 +42,7 @@ class LookAlikes:
 
     @staticmethod
     def none() -> LookAlikes:
-        """No thing."""
+        """No things."""
         return LookAlikes(np.zeros((0, 2)), np.zeros(0), np.zeros(0), np.zeros(0), 0)
 
     @staticmethod
@@ -60,7 +60,7 @@ class LookAlikes:
 
 
 class LookAlikesInView:
-    """The things as one view finds them, frame by frame. `people`: greatest id of a person; things have those that follow."""
+    """The things as one view detects them, frame by frame. `people`: greatest id of a person; the ids of things follow it."""
 
     def __init__(self, things: LookAlikes, people: int, period: float, view: int) -> None:
         self.things, self.people = things, people
@@ -68,7 +68,7 @@ class LookAlikesInView:
         self._state = self._rng.random(len(things))
 
     def weakened(self, found: SimulatedBoxes) -> SimulatedBoxes:
-        """The boxes of a frame, those of things with less confidence and in a share of the frames."""
+        """The boxes of a frame. Boxes of things get lower confidences, and are dropped in a share of the frames."""
         n = len(self.things)
         if not n:
             return found

@@ -1,8 +1,8 @@
-"""The population: synthetic cases of which each is a recording in memory with exact truth, drawn once and kept on disk.
+"""The population: synthetic cases, each a recording in memory with exact truth. A case is drawn once and kept on disk.
 
-A case depends on the seed and on its number alone. Nothing is rendered: bodies are cylinders, hidden by each other, by furniture and by walls.
-A detector model drawn at random makes boxes of what is seen (detectors.py). Calibration and clocks that the tracker is told are off.
-Cases of the user's cameras have people on simulated paths before them, seen by detectors that are fitted to their recording, or drawn.
+A case depends on the seed and on its number alone. Nothing is rendered: bodies are cylinders, occluded by each other, by furniture and by walls.
+A random detector model makes boxes of the visible bodies (detectors.py). Calibration and clocks that the tracker gets have errors.
+Cases of a user's cameras have people on simulated paths. Their detectors are fitted to the user's recording, or random.
 """
 
 from __future__ import annotations
@@ -33,19 +33,19 @@ from tracker.recordings import Recording, RecordingCamera
 
 KIND = "yours"
 MARGIN = 0.3
-"""m by which the area reaches beyond true places, where the recording names no area."""
+"""m by which the area extends beyond true positions, where the recording names no area."""
 SEEN_WITHIN = 20.0
-"""m: farthest ground before a camera that belongs to the area, where neither area nor truth is known."""
+"""m: largest distance of the area from a camera, where neither area nor truth is known."""
 NUMBERS = (0.6, 1.4)
-"""Bounds of the number of people of a case, over that of the recording."""
+"""Bounds of the number of people of a case, relative to that of the recording."""
 DELAY = 1.3
 """s by which estimates may be late."""
 STATURE, STATURES = (1.72, 0.09), (1.5, 2.0)
 """m: mean and standard deviation, and bounds, of statures."""
 SITTING = 0.74
-"""Height of who sits, as a share of the stature."""
+"""Height of a sitting person, as a share of the stature."""
 LEVELS, SIDES = (0.1, 0.3, 0.5, 0.7, 0.9), (-0.6, 0.0, 0.6)
-"""Sample points of a body that things may hide: shares of its height, and of its half width."""
+"""Sample points of a body that may be occluded: shares of its height, and of its half width."""
 Progress = Callable[..., Iterable[Any]]
 
 
@@ -86,7 +86,7 @@ def open_cameras(path: Path, options: SourceOptions, people: int | None) -> User
 
 
 def user_case(number: int, seed: int, folder: Path, user: UserCameras) -> PopulationCase:
-    """Case `number` of the user's cameras, from its file or drawn. Raises ValueError as population.population."""
+    """Case `number` of the user's cameras, from its file or drawn. Raises ValueError as `population`."""
     return kept_case(folder, number, seed, lambda number, seed: _drawn(number, seed, user))
 
 
@@ -143,7 +143,7 @@ def kept_case(folder: Path, number: int, seed: int, draw: Callable[[int, int], P
     if not path.is_file():
         folder.mkdir(parents=True, exist_ok=True)
         write_case(path, draw(number, seed))
-    # Numbers are rounded in the file, so that a drawn case is read, too.
+    # The file rounds numbers, so a drawn case is read back, too.
     found = read_case(path)
     if (found.number, found.seed) != (number, seed):
         raise ValueError(f"{path}: is case {found.number} of seed {found.seed}, needs case {number} of seed {seed}")
@@ -151,7 +151,7 @@ def kept_case(folder: Path, number: int, seed: int, draw: Callable[[int, int], P
 
 
 def kind_of(number: int, seed: int) -> str:
-    """The kind of a case: each 20 that follow each other have all kinds in their shares."""
+    """The kind of a case. Each block of 20 consecutive cases has the kinds of BLOCK in random order."""
     block, place = divmod(number, len(BLOCK))
     return str(np.random.default_rng([seed, block, 1]).permutation(BLOCK)[place])
 
@@ -163,7 +163,7 @@ def drawn_case(number: int, seed: int) -> PopulationCase:
 
 
 class PopulationKey(NamedTuple):
-    """What decides a case: number, seed and kind."""
+    """The values that determine a case: number, seed and kind."""
 
     number: int
     seed: int
@@ -184,14 +184,14 @@ def case_of(key: PopulationKey, made: CaseScene, fitted: Sequence[DrawnDetector]
 
 @dataclass(frozen=True, eq=False)
 class PeopleAtStep:
-    """Who is where at a step: ids (n,) from 1, feet (n, 3) m, heights by id, m."""
+    """The people at a step: ids (n,) from 1, feet (n, 3) m, heights by id, m."""
 
     ids: Ints
     feet: Array
     heights: dict[int, float]
 
     def joined(self, other: PeopleAtStep) -> PeopleAtStep:
-        """Both, who have no id in common."""
+        """The people of both, which have no id in common."""
         return PeopleAtStep(np.concatenate([self.ids, other.ids]), np.concatenate([self.feet, other.feet]), self.heights | other.heights)
 
 
@@ -217,7 +217,7 @@ class _Crowd:
 
 
 def recorded(made: CaseScene, walked: Walks, detectors: Sequence[DrawnDetector], things: LookAlikes, rng: np.random.Generator) -> Recording:
-    """The recording of a scene: boxes by a detector for each camera, and what the tracker is told of the cameras."""
+    """The recording of a scene: boxes by a detector for each camera, and the calibration that the tracker gets."""
     ids = range(1, made.people + len(things) + 1)
     crowd, names = _Crowd(made, walked, rng), [f"C{k}" for k in range(1, len(made.cameras) + made.rovers + 1)]
     robots = {f"r{k}": rover_poses(walked.place[:, made.people + k], made.around) for k in range(made.rovers)}
@@ -281,7 +281,7 @@ class _View:
         return found.boxes[kept], scale.said(found.confidence[kept]), visible
 
     def _hidden(self, bodies: TrueBodies, pose: Pose, people: PeopleAtStep) -> TrueBodies:
-        """Bodies less what the height map hides: their visible parts begin above it."""
+        """Bodies without the parts that the height map hides. The visible part of a body begins above them."""
         assert self._around.occluders is not None
         row = {person: k for k, person in enumerate(people.ids.tolist())}
         feet = people.feet[[row[person] for person in bodies.person.tolist()]]

@@ -1,4 +1,4 @@
-"""Scores of a tracker on a synthetic case, on the ground: HOTA, MOTA, IDF1 and their parts. An error is told by its one line."""
+"""Scores of a tracker on a synthetic case, on the ground: HOTA, MOTA, IDF1 and their parts. An error is reported in one line."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tracker.types.truth import evaluated_people
 Track = Callable[[Setup, Iterable[Tick]], Iterable[Estimate]]
 FIGURES = ("hota", "mota", "idf1", "misses", "false_positives", "switches", "motp_m", "truths")
 WORST = 0.1
-"""Share of cases whose mean stands beside that of all."""
+"""Share of the worst cases in the objectives with -worst."""
 OBJECTIVES = ("hota", "mota", "idf1", "hota-worst", "mota-worst", "idf1-worst")
 """Mean of a figure over the cases; with -worst, the mean of that and of the mean of the worst tenth."""
 
@@ -58,7 +58,7 @@ class Candidate:
 def evaluate(case: PopulationCase, tracker: Track | Parameters | None = None) -> dict[str, float]:
     """Track a case and score it as `pilsim score` does, with distances of at most 1 m: figures by FIGURES, and `seconds` of processor time.
 
-    tracker: a function like tracker.pipeline.track, or parameters of pilsim's own, which is then as late as the case allows.
+    tracker: a function like tracker.pipeline.track, or parameters of pilsim's own tracker, which then has the delay of the case.
     People whom no camera sees do not count. A case in which nobody counts has figures of NaN.
     Raises the errors of the tracker, and ValueError where its estimates are not valid.
     """
@@ -90,7 +90,7 @@ def score_case(source: CaseSource, number: int, candidate: Candidate) -> dict[st
 
 
 def draw_case(source: CaseSource, number: int) -> str:
-    """Draw a case that is not there yet. Returns its name. Raises ValueError for a file of another version."""
+    """Draw a case unless its file exists. Returns its name. Raises ValueError for a file of another version."""
     return source.case(number).name
 
 

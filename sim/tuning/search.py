@@ -1,8 +1,8 @@
 """The search: a study of Optuna whose trials race over the cases, in processes of this machine or on a cluster, resumable at any time.
 
-A trial is tried on case after case, in the same order as all others. WilcoxonPruner compares it with the best one so far, case by case, and ends it
-where it is worse. Its value is then the value of the best one, plus the mean difference on the cases that both have.
-The sampler of a trial is seeded by its number. Trials of processes that have ended are continued where they stood, so that a killed search with one
+All trials run on one case after the other, in the same order. WilcoxonPruner compares a trial with the best one so far, case by case, and ends it
+where it is worse. Its value is then that of the best trial, plus the mean difference on the cases of both.
+The sampler of a trial is seeded by its number. Trials of processes that have ended are continued by others, so that a killed search with one
 worker gives the same trials. Several commands may work on one folder.
 """
 
@@ -38,14 +38,14 @@ WHOLE = "worst tenth"
 """Attribute of trials that were tried on all cases: the mean of their worst tenth."""
 SAMPLERS = ("tpe", "cmaes")
 P_WORSE, LEAST_CASES = 0.05, 8
-"""A trial ends where it is worse than the best one with this p-value, from so many cases on."""
+"""A trial ends where it is worse than the best one with this p-value, after at least this number of cases."""
 STARTUP_TRIALS = 12
 """Trials at random before the sampler begins, the first of which has the default parameters."""
 
 
 @dataclass(frozen=True, eq=False)
 class SearchPlan:
-    """What is searched.
+    """The description of a search.
 
     folder: of the study. tracker: module:function or "". space: of its parameters, and `defaults` of those that have one. source, cases: the cases
     0 to cases − 1. objective, sampler: of OBJECTIVES and SAMPLERS. seed: of the samplers. trials: number in all, None without a limit.
@@ -71,7 +71,7 @@ class SearchPlan:
 
 @dataclass(eq=False)
 class RunningTrial:
-    """A trial of this process: its parameters, its scores by case, cases that are not begun, the number at work, and whether it has ended."""
+    """A trial of this process: parameters, scores by case, cases left to run, number of cases at work, and whether it has ended."""
 
     trial: Trial
     candidate: Candidate
@@ -116,7 +116,7 @@ class Search:
         self._best = ""
 
     def run(self, executor: Executor, most: int, progress: Any) -> None:
-        """Try trials until their number or the time is reached, `most` at once. progress: as of tracker.io.progress.progress_bar, of trials.
+        """Try trials until their number or the time is reached, `most` at once. progress: a bar of trials of tracker.io.progress.progress_bar.
 
         Raises ValueError where a tracker fails with its default parameters.
         """
@@ -140,12 +140,12 @@ class Search:
                     progress.set_postfix_str(f"{self._best}trial {one.trial.number}, case {case + 1}")
 
     def _next(self) -> RunningTrial | None:
-        """A trial that goes on, or a new one; None where no more are wanted."""
+        """An unfinished trial or a new one; None where no more are wanted."""
         if self._end is not None and time.monotonic() >= self._end:
             return None
         if self._idle:
             return self._idle.pop(0)
-        # Others have nothing to race against until the first trial is whole, so all workers try its cases.
+        # Other trials have nothing to be compared with until the first one is complete, so all workers run its cases.
         if self._first is not None and self._first.left and not self._first.ended:
             return self._first
         with file_lock(self.plan.folder / CLAIMS, wait=True):
@@ -174,7 +174,7 @@ class Search:
         return self._begun(self.study.ask())
 
     def _first_values(self, number: int) -> dict[str, Value]:
-        """Parameters of an early trial: of the first one the default ones where all are known and in the space, of others at random."""
+        """Parameters of an early trial: the default ones for trial 0 where all are known and in the space, otherwise random ones."""
         space, defaults = self.plan.space, self.plan.defaults
         if number == 0 and all(one.name in defaults and one.holds(defaults[one.name]) for one in space):
             return {one.name: defaults[one.name] for one in space}
@@ -198,7 +198,7 @@ class Search:
         return RunningTrial(trial, Candidate(self.plan.tracker, values), scores, deque(k for k in range(self.plan.cases) if k not in scores))
 
     def _add(self, one: RunningTrial, case: int, result: dict[str, Any]) -> bool:
-        """Note a score of a trial, and end it where it is whole, worse, or has failed. Returns whether it has ended."""
+        """Record a score of a trial, and end the trial where it is complete, worse, or has failed. Returns whether it has ended."""
         one.at_work -= 1
         if one.ended:
             return False
@@ -262,7 +262,7 @@ class Search:
             yield
 
     def _at_work(self, trial: FrozenTrial) -> bool:
-        """Whether the process of a running trial goes on."""
+        """Whether the process of a running trial is alive."""
         owner = trial.user_attrs.get("owner")
         if owner == self._owner:
             return True

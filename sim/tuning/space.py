@@ -10,7 +10,7 @@
     ["detection_rates.learned"]
     choices = [false, true]
 
-Whole ends give whole numbers. `space.toml` beside this file is that of pilsim's own tracker.
+A range with integer ends gives integers. `space.toml` beside this file is the space of pilsim's own tracker.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _KEYS = {"range", "log", "choices"}
 
 @dataclass(frozen=True)
 class SearchRange:
-    """A parameter: its name, and lowest and highest value, or choices (then low and high are 0). log: of a logarithmic scale."""
+    """A parameter: its name, and lowest and highest value, or choices (then low and high are 0). log: whether the scale is logarithmic."""
 
     name: str
     low: float = 0.0
@@ -55,9 +55,13 @@ class SearchRange:
         return isinstance(value, int | float) and not isinstance(value, bool) and self.low <= value <= self.high
 
     def draw(self, rng: np.random.Generator) -> Value:
-        """A value at random, uniform on the scale of the range."""
+        """A random value: uniform over choices, otherwise uniform on the scale of the range."""
         if self.choices:
             return self.choices[int(rng.integers(len(self.choices)))]
+        if self.whole and self.log:
+            # Each integer stands for half a unit around it, as for Optuna.
+            drawn = np.exp(rng.uniform(np.log(self.low - 0.5), np.log(self.high + 0.5)))
+            return int(np.clip(np.rint(drawn), self.low, self.high))
         if self.whole:
             return int(rng.integers(int(self.low), int(self.high) + 1))
         if self.log:
@@ -120,7 +124,7 @@ def _range(name: str, entry: Any, where: str) -> SearchRange:
 
 
 def own_defaults(space: Space, where: str) -> dict[str, Value]:
-    """Defaults of pilsim's own tracker. Raises ValueError that begins with `where` for an unknown parameter and for one of another kind."""
+    """Defaults of pilsim's own tracker. Raises ValueError that begins with `where` for an unknown parameter and for values of another type."""
     out: dict[str, Value] = {}
     for one in space:
         out[one.name] = default = field_value(MhtParameters(), one.name, f"{where}: parameter")

@@ -34,7 +34,7 @@ ALL = "all"
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Figures of both trackers by case: default, best. kinds: case → kind. figure: of which gains are."""
+    """Figures of both trackers by case: default, best. kinds: case → kind. figure: the figure of the gains."""
 
     default: Mapping[int, Mapping[str, float]]
     best: Mapping[int, Mapping[str, float]]
@@ -63,7 +63,7 @@ def held_out_cases(plan: SearchPlan, count: int) -> range:
 
 
 def try_held_out(plan: SearchPlan, best: Mapping[str, Value], kinds: Mapping[int, str], workers: Workers, progress: Any) -> HeldOut:
-    """Track the cases of `kinds` with default and with best parameters, {} for the default ones. What is done is kept in the folder, and continued.
+    """Track the cases of `kinds` with default and with best parameters ({} where the default is best). Finished runs are kept in the folder.
 
     workers: an executor, and how many calls it takes at once. progress: wraps the iteration over runs.
     Raises ValueError, in one line, where a tracker fails.
@@ -92,10 +92,10 @@ def _about(plan: SearchPlan, values: Mapping[str, Value]) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class TunedResult:
-    """What a search found.
+    """The result of a search.
 
     best: parameters of the best whole trial. number, value: its number and objective. worst: mean of its worst tenth.
-    trials, early, failed: numbers of trials in all, of those that ended early, and of those that failed. errors: lines of the latter.
+    trials, early, failed: numbers of trials in all, of those that ended early, and of those that failed. errors: a line for each failed trial.
     curve: number of each whole trial and the best objective until then. slices: parameters and objective of each trial.
     importance: shares by parameter, {} where there are too few trials. held_out: None where no other cases were asked for.
     default_value: objective of the default parameters, NaN where they are not all known or not in the space.
@@ -146,7 +146,7 @@ def tune(plan: SearchPlan, held_out: int, pool: Pool, quiet: bool = False) -> Tu
 
 @contextmanager
 def _statement(plan: SearchPlan) -> Iterator[None]:
-    """The folder says what is searched in it. Raises ValueError where it is something else."""
+    """Write the description of the search into the folder, locked. Raises ValueError for a folder of another search."""
     about = json_value({
         "tune": VERSION,
         "tracker": plan.tracker,

@@ -1,7 +1,7 @@
 """Places of synthetic cases, and paths of people and rovers in them: they come, walk, stand in groups, sit, wait at doors and leave.
 
-People are points with the social force (Helbing and Molnár 1995), along shortest ways in free space. Who stands in a group is pushed little, so that
-bodies stand as near to each other as in real rooms. Places have free space, doors, seats and what hides people.
+People are points with the social force (Helbing and Molnár 1995), along shortest paths in free space. The force on standing people is small, so
+that they stand as close together as in real rooms. Places have free space, doors, seats and occluders.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ SPOTS = 14
 STEPS = 4
 """Steps of motion in a frame; the clock of a camera is off by whole steps."""
 LEAST_SPACING = 0.3
-"""m: no two people come nearer."""
+"""m: least distance between two people, kept by `apart`."""
 RELAXATION, PUSH, REACH = 0.4, 1.6, 0.22
 """The social force: s until the wanted velocity is reached; m/s² where bodies touch; m over which it falls by e."""
 TOUCH = 0.45
 """m: distance of the middles of two bodies that touch."""
 ARRIVED, DIRECT = 0.2, 1.5
-"""m from a goal at which somebody stops, and from which the way to it is straight."""
+"""m: distances from a goal within which a person stops, and within which the path to it is straight."""
 PATIENCE = 5.0
 """s without progress after which a person stands still, or goes elsewhere."""
 WARM_UP = 12.0
-"""s that have passed at the first frame."""
+"""s of simulation before the first frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class Surroundings:
     """A place where people walk.
 
     free: of people. doors (d, 2), spots (s, 2), seats (k, 2) m: where people come in and leave, meet, and sit. ground: the terrain.
-    pillars (p, 5): furniture and columns, as in Setup. occluders: heights of what stands on the ground, None where pillars tell all.
+    pillars (p, 5): furniture and columns, as in Setup. occluders: heights of objects on the ground, None where pillars are the only ones.
     area (2, 2): lowest and highest x, y m.
     """
 
@@ -88,8 +88,8 @@ def furniture(size: tuple[float, float], density: float, rng: np.random.Generato
     return np.asarray(np.array(rows, dtype=np.float64).reshape(-1, 5).round(3), dtype=np.float64)
 
 
-def outdoor(name: str, difficulty: float, rng: np.random.Generator) -> tuple[Surroundings, FreeSpace]:
-    """An outdoor world, and the free space of rovers in it."""
+def outdoor(name: str, difficulty: float, rng: np.random.Generator) -> Surroundings:
+    """An outdoor world."""
     world = build(name, rng, difficulty)
     tops, spots = world.tops(), _spots(world.feet, rng)
     walked = world.terrain.on_grid
@@ -98,11 +98,11 @@ def outdoor(name: str, difficulty: float, rng: np.random.Generator) -> tuple[Sur
     points = world.feet.points(world.feet.free)
     area = np.array([points.min(axis=0), points.max(axis=0)]).round(2)
     occluders = Grid(np.round(tops.heights, 3), tops.origin, tops.spacing)
-    return Surroundings(world.feet, doors, spots, np.zeros((0, 2)), area, ground, occluders=occluders), world.wheels
+    return Surroundings(world.feet, doors, spots, np.zeros((0, 2)), area, ground, occluders=occluders)
 
 
 def _spots(free: FreeSpace, rng: np.random.Generator) -> Array:
-    """Places (s, 2) m spread over free space: each is the farthest of some random ones from those before."""
+    """Places (s, 2) m spread over free space: each is the farthest of four random candidates from those chosen before."""
     points = free.points(free.clearance > min(0.2, 0.5 * float(free.clearance.max())))
     return _spread(points, min(SPOTS, len(points)), rng)
 
@@ -133,7 +133,7 @@ def _seats(free: FreeSpace, pillars: Array, rng: np.random.Generator) -> Array:
 
 
 def reached(ground: Ground, eye: Array, points: Array) -> Mask:
-    """Which of points (n, 3) m nothing of a height map hides from `eye` (3,) m."""
+    """Mask (n,) of the points (n, 3) m that a height map does not hide from `eye` (3,) m."""
     away = points - eye
     length = np.linalg.norm(away, axis=1)
     origins = np.broadcast_to(eye, points.shape)
@@ -143,9 +143,9 @@ def reached(ground: Ground, eye: Array, points: Array) -> Mask:
 
 @dataclass(frozen=True)
 class Habits:
-    """What people do.
+    """The habits of people.
 
-    standing, sitting, waiting: probabilities that somebody stands in a group, sits, or waits at a door, next; others walk on after a short pause.
+    standing, sitting, waiting: probabilities that a person next stands in a group, sits, or waits at a door; others walk on after a short pause.
     pause: s that people stand in the mean. speed: m/s in the mean. gap: m, lowest and highest distance of neighbours in a group.
     """
 
@@ -159,7 +159,7 @@ class Habits:
 
 @dataclass(frozen=True, eq=False)
 class Walks:
-    """Places (steps, people, 2) m, NaN for who is absent; sits (steps, people)."""
+    """Places (steps, people, 2) m, NaN for absent people; sits (steps, people)."""
 
     place: Array
     sits: Mask
@@ -200,7 +200,7 @@ class Walkers:
         return out
 
     def choose(self, k: int) -> None:
-        """The next goal of somebody."""
+        """Choose the next goal of person or rover k."""
         h, rng = self.habits, self.rng
         self._leave_group(k)
         self.sits[k] = self.next_sits[k] = False
@@ -224,7 +224,7 @@ class Walkers:
             self._go(k, self.around.spots[spot] + rng.normal(0.0, 0.5, 2), spot, float(rng.exponential(1.0)) if rng.random() < 0.5 else 0.0)
 
     def _join(self, k: int) -> None:
-        """A place in a group of up to six at a spot: beside the others, `gap` from a neighbour."""
+        """Join a group of up to six at a spot, beside the others, `gap` from a neighbour."""
         open_groups = [spot for spot, who in self.members.items() if 0 < len(who) < 6]
         spot = open_groups[int(self.rng.integers(len(open_groups)))] if open_groups and self.rng.random() < 0.75 else None
         spot = int(self.rng.integers(len(self.around.spots))) if spot is None else spot
@@ -334,7 +334,7 @@ class Walkers:
 
 
 def apart(place: Array) -> Array:
-    """Places (n, 2) m, moved until any two are LEAST_SPACING apart, or until some rounds are over."""
+    """Places (n, 2) m, moved until any two are LEAST_SPACING apart, in at most six rounds."""
     for _ in range(6):
         between = place[:, None] - place
         gap = np.maximum(np.linalg.norm(between, axis=2), 1e-6) + np.diag(np.full(len(place), np.inf))

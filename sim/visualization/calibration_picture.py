@@ -24,9 +24,9 @@ from tracker.recordings.calibration_feet import CalibrationCase
 
 TRUTH, SKY, FLOOR = "#1a1a1a", "#eef2f6", "#d9d7d0"
 MOST_VIEWS = 12
-"""Cameras whose images are drawn."""
+"""Largest number of cameras whose images are drawn."""
 COLUMNS, ROWS = 72, 48
-"""Pixels across and down from which the footprint of a camera is found."""
+"""Numbers of pixels across and down at which the footprint of a camera is sampled."""
 LINE_STEP = 0.1
 """m along a grid line."""
 MOST_LINES = 60
@@ -34,12 +34,12 @@ MOST_LINES = 60
 FARTHEST = 1.6
 """Cameras farther from the middle of the bounds than so many diagonals are left out of the plan."""
 MOST_FEET = 3000
-"""Feet of a camera that are drawn."""
+"""Largest number of feet per camera that are drawn."""
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What the panels share. colours: by camera. bounds (2, 2) m: where the grid is drawn. frame: shown in views."""
+    """Data that the panels share. colours: by camera. bounds (2, 2) m: where the grid is drawn. frame: shown in views."""
 
     recording: Recording
     case: CalibrationCase
@@ -111,7 +111,7 @@ def _reach(scene: Scene, place: Array) -> float:
 
 
 def _busiest(recording: Recording) -> int:
-    """The frame with the most boxes, of those that have truth and the most images, where there are such."""
+    """The frame with the most boxes, counting at most 12 per camera, among the frames with true people where there are some."""
     counts = dict.fromkeys(range(recording.frames), 0)
     for name in recording.fixed:
         for frame, (boxes, _) in recording.detections.get(name, {}).items():
@@ -168,7 +168,7 @@ def _near_cameras(scene: Scene) -> tuple[dict[str, RecordingCamera], list[str]]:
 
 
 def _paths(ids: Ints, frame: Ints) -> Iterable[Ints]:
-    """Rows of each person in the order of frames, cut where frames are missing."""
+    """Rows of each person in the order of frames, split where frames are missing."""
     step = max(1, int(np.diff(np.unique(frame)).min(initial=1 << 30))) if len(np.unique(frame)) > 1 else 1
     order = np.lexsort([frame, ids])
     cut = np.flatnonzero((np.diff(ids[order]) != 0) | (np.diff(frame[order]) > step)) + 1
@@ -257,7 +257,7 @@ def _image(scene: Scene, name: str) -> Image | None:
 
 
 def _runs(pixels: Array, inside: Mask, width: int) -> list[Array]:
-    """A curve of pixels (n, 2) as its parts in the image, cut where it leaves it or passes a seam."""
+    """The parts of a curve of pixels (n, 2) in the image, split where it leaves the image or crosses the seam."""
     out = []
     joined = inside[1:] & inside[:-1] & (np.abs(np.diff(pixels[:, 0])) < width / 2)
     for rows in np.split(np.arange(len(pixels)), np.flatnonzero(~joined) + 1):
@@ -295,7 +295,7 @@ def _horizon(camera: RecordingCamera) -> list[Array]:
 
 
 def _sky(axes: Any, camera: RecordingCamera) -> None:
-    """What lies above the horizon of an empty canvas: the image by the elevation of its pixels."""
+    """Fill an empty canvas above the horizon, by the elevation of its pixels."""
     lens = camera.camera
     u, v = np.meshgrid((np.arange(160) + 0.5) * lens.width / 160, (np.arange(90) + 0.5) * lens.height / 90)
     up = (lens.bearings_from_pixels(np.column_stack([u.ravel(), v.ravel()])) @ camera.pose.rotation.T)[:, 2].reshape(u.shape)

@@ -34,7 +34,7 @@ class CutOut:
 
 
 def draw_sheet(sources: Mapping[Path, Sequence[ImageBoxes]], wanted: WantedBodies, min_score: float, file: Path) -> None:
-    """Write the sheet as PNG: three rows for each world, the surest boxes first and the largest missed bodies first, spread over the images.
+    """Write the sheet as PNG. Rows of each world: found boxes from the surest to the least sure, the largest missed bodies, the surest false boxes.
 
     sources: path → its images, as images_of gives them. Raises ValueError for sources without images, as MOT15 files.
     """
@@ -64,7 +64,7 @@ def _rows(sources: Mapping[Path, Sequence[ImageBoxes]], wanted: WantedBodies, mi
                 every["missed"] += [(one.edges[3] - one.edges[1], one) for one in _missed(k, image, outcome.missed)]
         for kind, cuts in every.items():
             order = sorted(range(len(cuts)), key=lambda i: -cuts[i][0])
-            # The hits are many: they are shown from the surest to the least sure.
+            # Found boxes are many, so a sample from the surest to the least sure is shown.
             chosen = order[:: max(1, len(order) // ACROSS)] if kind == "found" else order
             yield world, kind, [cuts[i][1] for i in chosen[:ACROSS]]
 
@@ -79,7 +79,7 @@ def _cut(source: int, image: ImageBoxes, edges: Array, text: str) -> CutOut:
 
 
 def _tiles(paths: list[Path], cuts: list[CutOut]) -> dict[int, Image]:
-    """Cut-outs by their identity: part of the image around each box, at the size of a tile."""
+    """Images of cut-outs by their `id`: the part of the image around each box, at the size of a tile."""
     out = {}
     for k, path in enumerate(paths):
         if path.is_file():
@@ -97,7 +97,7 @@ def _tiles(paths: list[Path], cuts: list[CutOut]) -> dict[int, Image]:
 
 
 def _part(image: Image, edges: Array, wraps: bool) -> Image:
-    """The surroundings of a box at the size of a tile, with a mark at each corner of the box."""
+    """The surroundings of a box at the size of a tile, with the box drawn."""
     left, top, right, bottom = edges
     half = max((bottom - top) * (0.5 + MARGIN), (right - left) * 0.75 * TILE[1] / TILE[0], 8.0)
     across, x, y = half * TILE[0] / TILE[1], (left + right) / 2, (top + bottom) / 2

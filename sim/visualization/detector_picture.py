@@ -27,7 +27,7 @@ LONGEST = 8.0
 
 
 def draw_detector(found: Fit, path: Path) -> None:
-    """Write the page of a model as PNG: misses, edges, confidences, and boxes that belong to nobody, each with its interval.
+    """Write the page of a model as PNG: misses, edges, confidences, second and false boxes, each with its interval.
 
     Raises OSError where the file cannot be written.
     """

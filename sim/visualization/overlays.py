@@ -1,4 +1,4 @@
-"""What pictures share: colours, the box of a person in an image, text on images, contact sheets, and PNG files."""
+"""Functions that pictures share: colours, the box of a person in an image, text on images, contact sheets, and PNG files."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from tracker.types import Mount, Sequence, Tick
 BODY = (0.55, 1.75)
 """m: width and height of the body that stands for a person."""
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b8860b", "#56b4e9", "#6a3d9a", "#8c510a")
-"""Of cameras or other lists, in turn: those of Okabe and Ito (2008) that are dark enough on white, and three more."""
+"""Colours of cameras or other lists, in turn: those of Okabe and Ito (2008) that are dark enough on white, and three more."""
 INK = "#30343a"
-"""Of text in figures."""
+"""Colour of text in figures."""
 DPI = 110
 """Pixels per inch of figures."""
 STANDING = 0.25
@@ -36,9 +36,9 @@ def colour_of(identity: int) -> tuple[int, int, int]:
 
 
 def body_corners(T_world_camera: Pose, place: Array) -> Array:
-    """Corners (4, 3) m, world, of an upright body at a place (3,) m that faces the camera: left low, left high, right low, right high."""
-    sight = place - T_world_camera.translation
-    side = np.cross([0.0, 0.0, 1.0], sight / max(float(np.linalg.norm(sight)), 1e-6)) * BODY[0] / 2
+    """Corners (4, 3) m, world, of an upright body at a place (3,) m that faces the camera: right low, right high, left low, left high."""
+    x, y, _ = place - T_world_camera.translation
+    side = np.array([-y, x, 0.0]) / max(float(np.hypot(x, y)), 1e-6) * BODY[0] / 2
     return np.array([place + s * side + [0.0, 0.0, h] for s in (-1, 1) for h in (0.0, BODY[1])])
 
 

@@ -263,7 +263,7 @@ def _open_vp9(part: Path, path: Path, size: tuple[int, int], rate: float) -> Any
 
 
 def _encode(video: Any, frame: Image | None) -> None:
-    """Append an RGB frame, or what the encoder still holds where it is None."""
+    """Append an RGB frame. None flushes the encoder."""
     import av
 
     (stream,) = video.streams.video

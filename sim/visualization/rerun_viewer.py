@@ -222,7 +222,7 @@ class RerunScene:
 def lines_of_sight(camera: Camera) -> list[Array]:
     """Strips (n, 3) in the camera's frame, unit length from the origin, that show what an image covers.
 
-    Of an image with sides: its border, and lines from the camera to its corners. Of a panorama: three rows around, and a line ahead.
+    For an image with a border: the border, and lines from the camera to its corners. For a panorama: three rows around, and a line ahead.
     Pixels without a line of sight, beyond the fold of a distortion, are left out.
     """
     first, along = camera.pixel_centre - 0.5, np.linspace(0.0, 1.0, SIDE_POINTS + 1)
@@ -332,7 +332,7 @@ def _sequence_and_tracks(folder: Path, results: Path | None) -> tuple[Path, Path
 
 
 def _play(scene: RerunScene, frames: Iterator[SceneFrame], check: Callable[[], None] = lambda: None) -> None:
-    """Show all frames. check: is called before each."""
+    """Show all frames. check: called before each frame."""
     scene.log_static()
     for tick, estimate in progress_bar(frames, total=len(scene.sequence.ticks), desc="frames", unit="frame"):
         check()
@@ -355,7 +355,7 @@ def _with_results(sequence: Sequence, read: Results | None) -> Iterator[SceneFra
 
 def _tracked_now(sequence: Sequence) -> Iterator[SceneFrame]:
     """Run the tracker, and yield each tick with its estimate."""
-    # Estimates come later than their ticks, which are kept meanwhile.
+    # Estimates may lag behind their ticks, which `tee` buffers.
     read, shown = tee(sequence.ticks)
     for estimate in track(sequence.setup, read):
         yield next(shown), estimate

@@ -57,7 +57,7 @@ HEADINGS = {
 def survey(
     name: str | None, difficulty: float, seed: int, distractors: int = 0, seconds: float = 0.0, pictures: Path | None = None, file: Path | None = None
 ) -> list[dict[str, Any]]:
-    """Rows of measures (worlds.difficulty) for the world `name`, or for all worlds if it is None; with `notes` for a place of a file.
+    """Rows of measures (worlds.difficulty) for the world `name`, or for all worlds if it is None; with `notes` for a place read from a file.
 
     distractors: number of things in the world that detectors take for people. seconds: duration of the slip measurement, 0 for none.
     pictures: folder of previews. file: export of the one world.

@@ -92,6 +92,8 @@ def test_a_cell_is_reproducible_and_not_repeated(tmp_path: Path) -> None:
     small = replace(FIG4, settings={"k_h": ("K_H", (1, 3)), "i_bls_max": ("i_bls^max", (200,))})
     material = synthetic(6)
     first = repeated(lambda: list(small.cells(tmp_path, [material], 1)), tmp_path / "cells.csv")
+    again = StudyForm.cells(small, tmp_path, [replace(material, sequence=lambda _: pytest.fail("a stored cell is run again"))], 1)
+    assert list(again) == first
     (tmp_path / "cells.csv").unlink()
     assert [cell.measured[1] for cell in small.cells(tmp_path, [material], 1)] == [cell.measured[1] for cell in first]
 

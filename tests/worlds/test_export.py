@@ -9,7 +9,9 @@ import mujoco
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 
+from tests.worlds.places.samples import MODEL
 from worlds import catalogue
 from worlds.export import export
 from worlds.triangles import scenery
@@ -101,3 +103,38 @@ def test_two_obj_exports_in_one_folder_share_no_file(world: World, tmp_path: Pat
     loaded = trimesh.load(tmp_path / "a.obj")
     materials = [mesh.visual.material for mesh in loaded.geometry.values()]
     assert any(material.image is not None and max(material.image.size) > 16 for material in materials)
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> World:
+    """A place of MJCF that reads meshes and pictures from files, with a material without a picture."""
+    folder = tmp_path_factory.mktemp("site")
+    trimesh.creation.cone(0.6, 1.2).export(folder / "cone.obj")
+    trimesh.creation.box((1, 2, 1)).export(folder / "brick.stl")
+    pixels = np.random.default_rng(0).integers(0, 255, (6, 32, 32, 3), dtype=np.uint8)
+    Image.fromarray(pixels[0]).save(folder / "wood.png")
+    Image.fromarray(pixels.reshape(-1, 32, 3)).save(folder / "sides.png")
+    assets = (
+        '<mesh name="cone" file="cone.obj" scale="1 1 2"/><mesh name="brick" file="brick.stl"/><texture name="wood" type="2d" file="wood.png"/>'
+        '<texture name="sides" type="cube" file="sides.png" gridsize="6 1" gridlayout="RLUDFB"/><material name="cubic" texture="sides"/>'
+        '<material name="wooden" texture="wood"/><material name="red" rgba="1 0 0 1"/></asset>'
+    )
+    geoms = (
+        '<geom type="mesh" mesh="cone" pos="3 2 0"/><geom type="mesh" mesh="brick" material="wooden" pos="-3 -2 0.5"/>'
+        '<geom name="red" type="box" size=".3 .3 .3" pos="0 3 .3" material="red"/>'
+        '<geom type="box" size=".3 .3 .3" pos="1 3 .3" material="cubic"/></worldbody>'
+    )
+    (folder / "site.xml").write_text(MODEL.replace("</asset>", assets).replace("</worldbody>", geoms))
+    return catalogue.build(str(folder / "site.xml"), np.random.default_rng(0), 0.5)
+
+
+@pytest.mark.parametrize("name", LOAD)
+def test_a_place_with_files_is_exported_with_them(site: World, tmp_path: Path, name: str) -> None:
+    export(site, tmp_path / name)
+    again, model = LOAD[name](str(tmp_path / name)), site.spec.copy().compile()
+    np.testing.assert_allclose(ranges(again, site.ground.extent), ranges(model, site.ground.extent), atol=2e-4)
+    np.testing.assert_array_equal(again.tex_data, model.tex_data)
+
+
+def test_materials_without_a_picture_keep_their_colour(site: World) -> None:
+    assert scenery(site.spec).geometry["place/red"].visual.face_colors[0].tolist() == [255, 0, 0, 255]

@@ -1,4 +1,4 @@
-"""Cameras calibrated by the people who walk before them, with deviations, and with what the data do not say. Read `calibrate.py` first."""
+"""Calibration of cameras from boxes of walking people, with covariances and what the data leave undetermined. Read `calibrate.py` first."""
 
 from tracker.calibration.calibrate import calibrate
 from tracker.calibration.result import Calibration, Known

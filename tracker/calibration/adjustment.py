@@ -1,8 +1,8 @@
-"""Bundle adjustment of cameras by people: parameters of cameras, clock offsets, statures, and smooth paths on the ground, all at once.
+"""Bundle adjustment of cameras by people: joint estimation of camera parameters, clock offsets, statures, and smooth paths on the ground.
 
-Levenberg and Marquardt's method on the reduced camera system (Triggs et al. 2000, section 6): paths and statures are eliminated by sparse
-factors. Outliers are weighted as Cauchy's distribution has it. Covariances are those of clusters (Liang and Zeger 1986): errors of the
-boxes of a person in a camera are not independent.
+The method is Levenberg and Marquardt's on the reduced camera system (Triggs et al. 2000, section 6): sparse factorization eliminates paths and
+statures. Boxes have the weights of Cauchy's distribution, which is robust to outliers. Covariances are clustered (Liang and Zeger 1986), because
+errors of the boxes of a person in a camera are correlated.
 """
 
 from __future__ import annotations
@@ -24,45 +24,45 @@ from tracker.geometry.cameras import Camera
 KNOT, ACCELERATION = 0.5, 0.8
 """s between two knots of a path, and standard deviation of its acceleration, m/s²."""
 RELATIVE = STATURE / SPREAD
-"""1 over the relative deviation of statures."""
+"""1 over the relative standard deviation of statures."""
 CAUCHY = 3.5
-"""Scale of Cauchy's weight, in standard deviations of a box, of which three are independent: 0.8 in the mean without outliers."""
+"""Scale of Cauchy's weight, in standard deviations of the three residuals of a box. Without outliers the mean weight is 0.8."""
 GLOBAL_PRIOR = np.array([[0.15, 0.08], [0.2, 0.06], [STATURE, 0.06], [0.0, 0.01], [0.03, 0.03], [-0.01, 0.015]])
-"""Mean and deviation of body.GLOBALS: bodies are between cylinders of 0.5 m, as simulated ones, and people with feet and a head.
+"""Mean and standard deviation of body.GLOBALS: between simulated cylinders of 0.5 m and people with feet and a head.
 
-Boxes of detectors end below the top of these and above their feet (the fitted models in detector_models).
+Boxes of detectors end below the top of a body and above its feet (the fitted models in detector_models).
 """
 STEPS = np.array([1e-4, 1e-5, 1e-5, 1e-4, 1e-5, 1e-5, 1e-5, 1e-4, 1e-4, 1e-5, 1e-3])
-"""Of the parameters of a camera, for derivatives."""
+"""Steps of the parameters of a camera for numerical derivatives."""
 ROUNDS, ENOUGH = 20, 1e-4
-"""Most steps, and the relative fall of the cost at which they end."""
+"""Most iterations, and the relative decrease of the cost below which they stop."""
 OUTLIER = 30.0
-"""Residual where a box has no pixel."""
+"""Largest residual, and that of a predicted box without a pixel."""
 MOST_RATIO, LEAST_INLIERS = 0.16, 0.4
-"""Of people: greatest logarithm of their stature over the mean, three deviations, and least share of boxes that are no outliers."""
+"""Of people: largest logarithm of their stature over the mean (three standard deviations), and least share of inliers among their boxes."""
 LEAST_PEOPLE = 3
-"""People up to whom the variance of their errors is not known better than with so many."""
+"""Up to this number of people, the clustered covariance has the factor of this number (Problem.information)."""
 INLIER = 0.45
-"""Weight of a box that is no outlier."""
+"""Weight above which a box is an inlier."""
 BIAS = 0.005
-"""Deviation of errors that all boxes of one camera have: of an edge, and of its change by the doubling of the height. A share of the height."""
+"""Standard deviation of errors common to all boxes of a camera: of an edge, and of its change per doubling of the height. A share of the height."""
 INTEGRATED, STEADY, PART = 7, 1e-4, 0.6
-"""Steps with paths integrated out, their damping, and the part of them that is made, as smoothness and steps would swing each other."""
+"""Steps with paths integrated out, their damping, and the part of each that is taken, because smoothness and steps would oscillate."""
 CELL = 5.0
-"""m: side of places where errors of boxes are alike."""
+"""m: side of a ground cell, within which errors of boxes count as correlated."""
 FARTHEST_STEP = np.where(np.isin(np.arange(len(NAMES)), [X, Y]), 5.0, 0.3)
-"""Of the parameters of a camera. Steps with paths integrated out end where one would be longer: its equations do not hold so far."""
+"""Largest step of camera parameters with paths integrated out. Iterations end at a longer one, for which the linearization fails."""
 WORSE = 1.5
-"""By what factor the cost may rise in a step with paths integrated out, which ends them where it rises more."""
+"""Factor by which the cost may rise in a step with paths integrated out. Iterations end at a larger rise."""
 DAMPING, LEAST = 1e-3, 1e-6
-"""Of the first step; and what keeps people whose boxes all have no pixel from making a matrix singular."""
+"""Damping of the first step; and a ridge that keeps the matrix regular for people whose boxes all have no pixel."""
 
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """Of camera parameters (cameras, 11): mean, and standard deviation; 0 for known ones, inf where nothing is known.
+    """Mean and standard deviation (cameras, 11) of camera parameters: 0 for known ones, inf without a prior. body: the same of GLOBALS (6, 2).
 
-    distances: first camera, second camera, m, error m. lens (cameras, 3): deviations of cx, cy and k1 where these are errors that are not estimated.
+    distances: first camera, second camera, m, error m. lens (cameras, 3): standard deviations of cx, cy and k1 that are not estimated.
     """
 
     mean: Array
@@ -76,7 +76,7 @@ class Prior:
 class Adjusted:
     """rows (cameras, 11) and their covariance (cameras · 11, the same); body (6,) as body.GLOBALS.
 
-    weight (n,) of the observations. edges (cameras, 3): errors of the middles, upper and lower edges of boxes, shares of their heights.
+    weight (n,) of the observations. edges (cameras, 3): errors of the middles, upper and lower edges of boxes, as shares of their heights.
     paths: person → times (k,) s and places (k, 2) m. stature (people,) m.
     """
 
@@ -89,7 +89,7 @@ class Adjusted:
     stature: Array
 
     def figures(self) -> dict[str, float]:
-        """Numbers of boxes and people, share of boxes that are no outliers, mean stature m, and the distances of body.GLOBALS, m."""
+        """Numbers of boxes and people, share of inliers, mean stature m, and body.GLOBALS."""
         inliers = float((self.weight > INLIER).mean())
         found = {"boxes": float(len(self.weight)), "people": float(len(self.stature)), "inliers": inliers, "stature": float(self.stature.mean())}
         return found | {name if name != "stature" else "mean_stature": float(value) for name, value in zip(GLOBALS, self.body, strict=True)}
@@ -100,7 +100,7 @@ State = tuple[Array, Array, Array, Array]
 
 
 class Problem:
-    """The unknowns: free parameters of cameras and bodies first, then of each person the stature and the knots."""
+    """The unknowns: free parameters of cameras and bodies first, then statures of all people, then x and y of all knots."""
 
     def __init__(self, cameras: Sequence[Camera], seen: Observations, rows: Array, prior: Prior) -> None:
         self.cameras, self.seen, self.prior = cameras, seen, prior
@@ -141,7 +141,7 @@ class Problem:
         return np.asarray(splu(A).solve(np.asarray(B.T @ (w[:, None] * foot[known]))))
 
     def _at(self, rows: Array) -> tuple[Ints, Array]:
-        """Knot (n,) before each observation, and how far it is from there to the next, as a share."""
+        """Knot (n,) before each observation, and the share (n,) of the interval to the next knot."""
         s = self.seen
         where = (s.time + rows[s.view, OFFSET] - self.start[s.person]) / KNOT
         at = np.clip(np.floor(where).astype(np.int64), 0, self.count[s.person] - 2)
@@ -161,7 +161,7 @@ class Problem:
         return np.asarray((1 - share)[:, None] * place[at] + share[:, None] * place[at + 1])
 
     def predicted(self, state: State, moved: tuple[str, int] = ("", 0), step: float = 0.0) -> Array:
-        """Boxes (n, 3) px. moved: a quantity that is changed by `step`: a parameter of all cameras, the body, places or statures."""
+        """Predicted boxes (n, 3) px. moved: kind and index of a quantity to which `step` is added: camera, body, place or stature."""
         rows, body, stature, place = state
         s = self.seen
         xy, tall = self._places(rows, place), stature[s.person]
@@ -186,12 +186,12 @@ class Problem:
         return out
 
     def residuals(self, state: State) -> Array:
-        """Of boxes (n, 3), in standard deviations."""
+        """Residuals (n, 3) of boxes, in standard deviations."""
         r = (self.predicted(state) - self.seen.box) / self.sigma
         return np.where(np.isfinite(r), np.clip(r, -OUTLIER, OUTLIER), OUTLIER)
 
     def prior_residuals(self, state: State) -> tuple[Array, Array, Array]:
-        """Of cameras and bodies (free + bodies + distances,), statures (people,) and paths (m, 2)."""
+        """Prior residuals of cameras, bodies and distances (free + bodies + distances,), statures (people,) and paths (m, 2)."""
         rows, body, stature, place = state
         mean, sigma = self.prior.mean.ravel()[self.free], self.prior.sigma.ravel()[self.free]
         camera = np.where(np.isfinite(sigma), (rows.ravel()[self.free] - mean) / np.where(np.isfinite(sigma), sigma, 1.0), 0.0)
@@ -200,9 +200,9 @@ class Problem:
         return np.concatenate([camera, bodies, apart]), (stature / body[MEAN_STATURE] - 1) * RELATIVE, self._smooth @ place * self._unit(rows)
 
     def _unit(self, rows: Array) -> float:
-        """Factor of the smoothness of paths: as the world was smaller at first, by the heights of cameras, smooth paths draw no scale.
+        """Factor of the smoothness of paths. It is relative to the mean height of cameras, so that smoothness does not favour a small scale.
 
-        Where paths are integrated out, `smoothing` is estimated: what people's accelerations are.
+        While paths are integrated out, `smoothing` is estimated from people's accelerations.
         """
         return self.smoothing * float(np.exp((self._first_rows - rows)[:, HEIGHT].mean()))
 
@@ -211,15 +211,15 @@ class Problem:
         return float(np.linalg.norm(np.append((rows[a] - rows[b])[7:9], np.exp(rows[a, HEIGHT]) - np.exp(rows[b, HEIGHT]))))
 
     def cost(self, state: State) -> float:
-        """Sum of squares; of boxes, twice Cauchy's negative logarithm."""
+        """Sum of squares of prior residuals, plus twice Cauchy's loss of each box."""
         r = self.residuals(state)
         squares = CAUCHY**2 * np.log1p((r * r).sum(axis=1) / CAUCHY**2)
         return float(squares.sum()) + float(sum((p * p).sum() for p in self.prior_residuals(state)))
 
     def solve(self, rounds: int = ROUNDS, held: Mask | None = None) -> None:
-        """Minimize the cost from the present state. held (free,): parameters of cameras that stay as they are.
+        """Minimize the cost from the present state. held (free,): parameters of cameras that are fixed.
 
-        Errors of edges stay, too: with paths that hide noise they would grow.
+        Biases of edges are fixed, too, because they would grow while paths absorb noise.
         """
         moving = np.append(np.ones(len(self.free), dtype=bool) if held is None else ~held, np.arange(len(GLOBALS)) < EDGES.start)
         self._smooth = self._smoothness()
@@ -241,7 +241,7 @@ class Problem:
         self.rows, self.body, self.stature, self.place = state
 
     def rescale(self, lever: Array | float = 0.0) -> None:
-        """Set errors of edges from residuals, of which a share `lever` (n, 3) of the variance is in paths and statures."""
+        """Set standard deviations of edges from residuals. lever (n, 3): share of the variance that paths and statures absorb (leverage)."""
         r = self.residuals((self.rows, self.body, self.stature, self.place)) / np.sqrt(np.clip(1 - np.asarray(lever), 0.1, 1.0))
         for own in self.of_view:
             if len(own) > 20:
@@ -255,7 +255,7 @@ class Problem:
         return new.reshape(rows.shape), body + camera[len(self.free) :], stature + rest[: self.people], place + rest[self.people :].reshape(2, -1).T
 
     def _system(self, state: State, bend: float = 1.0) -> dict[str, Array]:
-        """Normal equations: of cameras and bodies, of people, and between them. bend: factor of the second derivative by boxes."""
+        """Normal equations: blocks of cameras and bodies, of people, and between them. bend: factor of the second derivative of the boxes' loss."""
         s, base = self.seen, self.predicted(state)
         r = self.residuals(state)
         ok = np.isfinite(base) & (np.abs(r) < OUTLIER)
@@ -315,9 +315,9 @@ class Problem:
         return system
 
     def _with_marginal(self, state: State, system: dict[str, Array]) -> dict[str, Array]:
-        """The same with the gradient of half the logarithm of C's determinant over that of the prior.
+        """The system plus the gradient of half the logarithm of the determinant of C over that of the prior.
 
-        decided: directions of paths that the data decide. lever (n, 3): share of the variance of each edge that is in paths and statures.
+        decided: degrees of freedom of paths that the data determine. lever (n, 3): share of each edge's variance that paths and statures absorb.
         """
         s, rows = self.seen, state[0]
         at, share = self._at(rows)
@@ -357,7 +357,7 @@ class Problem:
         return np.where(np.isfinite(out), out, 0.0)
 
     def integrate(self, rounds: int = INTEGRATED, held: Mask | None = None) -> None:
-        """The cameras of greatest marginal density, near those that `solve` found; errors of boxes and accelerations are estimated, too."""
+        """Maximize the marginal density of cameras and bodies from the result of `solve`. Errors of boxes and accelerations are estimated, too."""
         moving = np.append(np.ones(len(self.free), dtype=bool) if held is None else ~held, np.ones(len(GLOBALS), dtype=bool))
         state = self.rows, self.body, self.stature, self.place
         for _ in range(rounds):
@@ -385,11 +385,11 @@ class Problem:
         return camera, -(X[:, -1] + X[:, :-1] @ camera)
 
     def information(self) -> tuple[Array, Array, Array]:
-        """Of the free parameters and the bodies, people eliminated: information (p, p), and covariance (p, p) of the gradient.
+        """Information (p, p) of the free parameters and bodies with people eliminated, and covariance (p, p) of the gradient.
 
-        The third (p, errors) is the part of the gradient by each of the errors of lenses, of one standard deviation.
-        The covariance holds what boxes of a person in a camera have in common, and what boxes at one place have, as where ground rises.
-        It also holds errors that all boxes of a camera may have.
+        The third (p, errors) is the change of the gradient by an error of one standard deviation in each lens parameter that is not estimated.
+        The covariance includes errors common to boxes of a person in a camera, and to boxes at one place, for instance on a slope.
+        It also includes errors common to all boxes of a camera.
         """
         state = self.rows, self.body, self.stature, self.place
         weight = self.weights()
@@ -409,16 +409,16 @@ class Problem:
             np.add.at(score, chunk, each)
             return np.asarray(score.T @ score)
 
-        # Two ways of clustering (Cameron, Gelbach and Miller 2011): what errors have in common at a place is more than that of one person there.
+        # Two-way clustering (Cameron, Gelbach and Miller 2011): the clusters of a place, less those of one person at that place.
         values, vectors = np.linalg.eigh(clusters(cell) - clusters(cell, s.person))
         placed = np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
         common, lens = (reduced.T @ errors / np.sqrt(bend) for errors in (self._common_errors(state), self._lens_errors(state)))
-        # So few people tell little of how much people differ: the variance of Student's t, with as many degrees of freedom.
+        # With few people, the variance between people is uncertain: the factor is the variance of Student's t with as many degrees of freedom.
         few = self.people / (self.people - 2) if self.people > LEAST_PEOPLE else LEAST_PEOPLE
         return H, few * clusters(s.person) + placed + (H - reduced.T @ reduced) + common @ common.T + lens @ lens.T, lens
 
     def covariance(self, held: Mask | None = None) -> Array:
-        """Covariance (cameras · 11, same) of the parameters but those `held` (free,), which are known."""
+        """Covariance (cameras · 11, same) of the parameters; 0 for fixed ones and those `held` (free,)."""
         moving = np.ones(len(self.free), dtype=bool) if held is None else ~held
         own = np.flatnonzero(np.append(moving, np.ones(len(GLOBALS), dtype=bool)))
         information, meat, lens = self.information()
@@ -427,14 +427,14 @@ class Problem:
         out = np.zeros((self.rows.size, self.rows.size))
         out[np.ix_(at, at)] = found[: len(at), : len(at)]
         wrong, sigma = self._lens_parameters()
-        # What is estimated follows an error of a lens.
+        # An error of a lens parameter shifts the estimates.
         out[np.ix_(at, wrong)] = -(inverse @ lens[own])[: len(at)] * sigma
         out[np.ix_(wrong, at)] = out[np.ix_(at, wrong)].T
         out[wrong, wrong] = sigma**2
         return out
 
     def _lens_parameters(self) -> tuple[Ints, Array]:
-        """Those that have errors which are not estimated, in the flat parameters of all cameras, and their deviations."""
+        """Indices of lens parameters with errors that are not estimated, in the flat parameters of all cameras, and their standard deviations."""
         camera, kind = np.nonzero(self.prior.lens)
         return camera * len(NAMES) + np.array([CX, CY, K1])[kind], self.prior.lens[camera, kind]
 
@@ -452,7 +452,7 @@ class Problem:
         return out.reshape(3 * len(base), len(flat))
 
     def _common_errors(self, state: State) -> Array:
-        """Residuals (3 n, errors) by errors of edges that all boxes of a camera have, of one standard deviation each: constant, and with the size."""
+        """Residuals (3 n, errors) due to edge errors common to a camera's boxes, of one standard deviation each: constant, and with log size."""
         r = self.residuals(state)
         root = 1 / np.sqrt(1 + (r * r).sum(axis=1) / CAUCHY**2)
         high = self.seen.box[:, 2] - self.seen.box[:, 1]
@@ -487,10 +487,10 @@ def _factor(matrix: sparse.csc_matrix) -> SuperLU:
 
 
 def adjust(cameras: Sequence[Camera], seen: Observations, rows: Array, prior: Prior, rounds: int = ROUNDS, integrated: bool = True) -> Adjusted:
-    """The parameters of greatest posterior density from `rows` (cameras, 11); integrated: with paths and statures integrated out.
+    """Maximize the posterior density from `rows` (cameras, 11). integrated: with paths and statures integrated out.
 
-    Half of the steps are made first. Who then has no stature of people, or boxes that are mostly outliers, is left out: false boxes, for instance.
-    Errors of boxes are set from the residuals before the rest.
+    Half of the steps are made first. People with an implausible stature or mostly outliers are then left out; they are often false boxes.
+    Standard deviations of boxes are set from the residuals before the other steps.
     """
     first = Problem(cameras, seen, rows, prior)
     first.solve(max(rounds // 2, 4))

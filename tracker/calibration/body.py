@@ -1,7 +1,7 @@
-"""Boxes of upright people as a function of a camera's parameters: what the adjustment compares with measured boxes.
+"""Boxes of upright people as a function of a camera's parameters: the measurement model of the adjustment.
 
-A body stands at a place on the ground. The lower edge of its box is its nearest point on the ground. The upper edge is at its head, or behind it
-where the camera looks down. The middle column is that between the outermost points of feet and head, as bodies lean towards the border.
+A body stands at a place on the ground. The lower edge of its box is at its nearest point on the ground. The upper edge is at the far side of the
+head for a higher camera, else at the near side. The middle column lies between the outermost points of feet and head: bodies lean near the border.
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ from tracker.geometry.cameras import Camera, LensCamera, Pinhole
 
 NAMES = ("focal", "cx", "cy", "k1", "pitch", "roll", "yaw", "x", "y", "height", "offset")
 """Parameters of a camera. focal: logarithm of the focal length over its first value. cx, cy: shift of the principal point over the image's width.
-pitch (down), roll, yaw: rad. x, y: m. height: logarithm of m. offset: s by which its clock is to be put forward."""
+pitch (down), roll, yaw: rad. x, y: m. height: logarithm of the height above the ground in m. offset: s to add to the times of its clock."""
 FOCAL, CX, CY, K1, PITCH, ROLL, YAW, X, Y, HEIGHT, OFFSET = range(len(NAMES))
 BODY_WIDTH = 0.5
 """m."""
 GLOBALS = ("foot", "head", "stature", "side", "top", "bottom")
 """Of all bodies. foot: m from the middle to the nearest point on the ground. head: m to the point that the upper edge touches. Mean stature, m.
-side: by how much boxes are too far to the right. top, bottom: by how much these edges are too low. All three are shares of a box's height."""
+side: bias of the middle of boxes to the right. top, bottom: bias of these edges downwards. All three are shares of a box's height."""
 EDGES = slice(GLOBALS.index("side"), len(GLOBALS))
 MEAN_STATURE = GLOBALS.index("stature")
 OF_BOXES = tuple(k for k in range(len(GLOBALS)) if k != MEAN_STATURE)
 """Those of GLOBALS that boxes depend on; the mean stature is in the prior of statures alone."""
 MOST_BENT = 0.13
-"""Most by which k1 draws the corners of an image inwards, as a share of their distance from the middle; at 4/27 the image folds."""
+"""Largest shift of the corners of an image inwards by k1, as a share of their distance from the middle; at 4/27 the image folds."""
 LEAST_DEPTH = 0.05
-"""m: points nearer to the plane of the lens have no pixel."""
+"""m: points with less depth have no pixel."""
 
 
 def pose_of(row: Array) -> Pose:
@@ -63,7 +63,7 @@ def lens_of(camera: Camera, row: Array) -> Camera:
 
 @lru_cache(maxsize=256)
 def _lens(camera: LensCamera, focal: float, cx: float, cy: float, k1: float) -> LensCamera:
-    """As lens_of. What a lens is checked for costs as much as its projection of some hundred points."""
+    """As lens_of. Cached, because the checks of a lens cost as much as the projection of some hundred points."""
     factor, width = float(np.exp(focal)), camera.width
     moved = replace(camera, fx=camera.fx * factor, fy=camera.fy * factor, cx=camera.cx + cx * width, cy=camera.cy + cy * width)
     if isinstance(camera, Pinhole) and k1:
@@ -87,7 +87,7 @@ def boxes_of(camera: Camera, row: Array, place: Array, stature: Array, body: Arr
     if camera.wraps:
         ahead = away / np.maximum(np.hypot(*away.T), 1e-6)[:, None]
     else:
-        # Rows of a pinhole's image are lines across its axis on the ground.
+        # A row of a pinhole image is a line on the ground across the optical axis.
         ahead = np.broadcast_to(R[:2, 0] / max(float(np.hypot(*R[:2, 0])), 1e-6), away.shape)
     left = np.column_stack([-away[:, 1], away[:, 0]]) / np.maximum(np.hypot(*away.T), 1e-6)[:, None] * (BODY_WIDTH / 2)
     foot, head = body[0], body[1] * np.tanh((high - stature) / 0.1)[:, None]
@@ -120,7 +120,7 @@ def ground_places(camera: Camera, row: Array, box: Array, foot: float) -> Array:
 
 
 def lean_of(lens: Camera, R: Array, middle: Array, top: Array, bottom: Array) -> Array:
-    """px (n,) by which feet are right of the middle columns of their boxes, as the vertical leans in the image. R (3, 3): world from camera."""
+    """Offset (n,) px of feet to the right of the middle columns of boxes, because verticals lean in the image. R (3, 3): world from camera."""
     if lens.wraps:
         return np.zeros(len(middle))
     centre = np.column_stack([middle, (top + bottom) / 2])

@@ -1,6 +1,6 @@
-"""Boxes of a camera as calibration takes them: one row a box, those that show whole bodies marked, and linked to tracklets in the image.
+"""Boxes of a camera for the calibration: one row per box, whole bodies marked, linked to tracklets in the image.
 
-The image alone is used here, as nothing is known of the camera. Lengths are compared in body heights, of which 1.72 m is one.
+Only the image is used here, because the camera is unknown. The unit of lengths is the height of a body, about 1.72 m.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from tracker.recordings.clocks import CameraClock
 from tracker.recordings.recording import FrameBoxes
 
 EDGE, NEAR_EDGE = 0.01, 0.07
-"""Boxes within this share of the image's height from its border are cut by it. Tracklets within this share of their boxes' heights may be.
+"""Boxes nearer to the image border than this share of its height are cut by it. Tracklets nearer than this share of their boxes' heights may be.
 
-Errors of boxes are 0.03 of their heights. Chosen by its own edges, a box that its error moves to the middle would be kept more often.
+Errors of boxes are 0.03 of their heights. A choice by its own edges would favour boxes whose errors point away from the border.
 """
 SMOOTH = 1.0
-"""s over which edges of a tracklet are averaged where errors of single boxes are not to choose or to weigh them."""
+"""s over which edges of a tracklet are averaged, so that errors of single boxes do not affect their selection and weight."""
 HIDDEN = 0.2
-"""Share of the lower or upper third of a box under nearer boxes from which its edge there is not trusted."""
+"""Share of the lower or upper third of a box covered by nearer boxes, above which that edge is not trusted."""
 SECOND = 0.6
 """IoU from which the box of the lower confidence is a second box of the same body."""
 LEAST_HEIGHT = 12.0
@@ -32,24 +32,24 @@ LEAST_HEIGHT = 12.0
 ASPECT = (1.2, 6.0)
 """Height over width of upright bodies."""
 STEP, SPEED = 0.1, 0.9
-"""Gate of a link in body heights: constant part, and that by the second, for 1.5 m/s."""
+"""Gate of a link in body heights: constant part, and part per second, for 1.5 m/s."""
 GROWTH = (0.12, 0.6)
-"""Gate of the change of the logarithm of a box's height: constant part, and that by the second."""
+"""Gate of the change of the logarithm of a box's height: constant part, and part per second."""
 COASTING = 0.8
 """s without a box after which a tracklet ends; at least two frames."""
 SMOOTHING = 0.3
 """s over which velocities in the image are averaged."""
 WALKING = (1.5, 0.5)
-"""s, and body heights in the image: a tracklet that lasts so long and goes so far is of somebody who walks."""
+"""s, and body heights in the image: least duration and extent of the tracklet of a walking person."""
 SUREST, LEAST_SHARE = 0.1, 0.25
-"""Share of boxes that are the surest ones. Others are used where so many of them walk, over what it is among the surest."""
+"""Share of boxes with the highest confidences. Others need at least LEAST_SHARE of the share of walking people among these."""
 CLEARLY = 2.0
-"""A link needs to be so many times nearer than the next one: otherwise the tracklet ends."""
+"""Least ratio of the second lowest cost to that of a link; below it, the tracklet ends."""
 
 
 @dataclass(frozen=True, eq=False)
 class LinkedBoxes:
-    """The n boxes of one camera: frame (n,) from 0, time (n,) s; middle, top, bottom, width (n,) px. whole (n,): feet and head are in sight.
+    """The n boxes of one camera: frame (n,) from 0, time (n,) s; middle, top, bottom, width (n,) px. whole (n,): whether feet and head are visible.
 
     track (n,): tracklet of each box, from 0. In an image that wraps, the middle is in [0, W).
     """
@@ -77,7 +77,7 @@ class LinkedBoxes:
 
 
 def linked_boxes(camera: Camera, boxes: FrameBoxes, rate: float, clock: CameraClock | None = None) -> LinkedBoxes:
-    """The boxes of a camera at `rate` frames/s, or at the times of its own clock, linked to tracklets. False ones are left out."""
+    """The boxes of a camera at `rate` frames/s, or at the times of its own clock, linked to tracklets. Probably false ones are left out."""
     parts = [(frame, *_of_frame(camera, *boxes[frame])) for frame in sorted(boxes) if len(boxes[frame][0])]
     edges = np.concatenate([part[1] for part in parts] or [np.zeros((0, 4))])
     whole = np.concatenate([part[2] for part in parts] or [np.zeros(0, dtype=bool)])
@@ -97,9 +97,9 @@ def linked_boxes(camera: Camera, boxes: FrameBoxes, rate: float, clock: CameraCl
 
 
 def _of_people(table: LinkedBoxes, confidence: Array) -> Mask:
-    """Boxes (n,) of confidences of which some are of walking people: LEAST_SHARE of what it is among the surest, or more.
+    """Boxes (n,) with confidences at which the share of walking people is at least LEAST_SHARE of that at the highest confidences.
 
-    Only the order of confidences counts. Furniture that a detector takes for people has the lower ones, and stands.
+    Only the order of confidences counts. Furniture that a detector takes for people has low confidences and does not move.
     """
     if not len(table):
         return np.ones(0, dtype=bool)
@@ -125,7 +125,7 @@ def extents(table: LinkedBoxes, values: Array) -> Array:
 def smoothed(table: LinkedBoxes, values: Array, width: float = SMOOTH) -> Array:
     """Means (n, k) of values (n, k) of the boxes of a tracklet within `width` / 2 s."""
     order = np.lexsort([table.time, table.track])
-    # Tracklets follow each other on one axis of time, far apart.
+    # All tracklets are put on one time axis, one after the other with gaps.
     time = table.time[order] + table.track[order] * (float(np.ptp(table.time)) + 2 * width if len(table) else 0.0)
     low, high = np.searchsorted(time, time - width / 2), np.searchsorted(time, time + width / 2, side="right")
     total = np.vstack([np.zeros(values.shape[1]), np.cumsum(values[order], axis=0)])
@@ -135,7 +135,7 @@ def smoothed(table: LinkedBoxes, values: Array, width: float = SMOOTH) -> Array:
 
 
 def _inside(camera: Camera, table: LinkedBoxes) -> Mask:
-    """Boxes (n,) whose tracklet is in the image there, and not near its border."""
+    """Boxes (n,) whose smoothed edges are inside the image, not near its border."""
     half = table.width / 2
     edges = smoothed(table, np.column_stack([table.top, table.bottom, table.middle - half, table.middle + half]))
     low, margin = camera.pixel_centre - 0.5, NEAR_EDGE * (edges[:, 1] - edges[:, 0])
@@ -146,7 +146,7 @@ def _inside(camera: Camera, table: LinkedBoxes) -> Mask:
 
 
 def _of_frame(camera: Camera, box: Array, confidence: Array) -> tuple[Array, Mask, Array]:
-    """Edges (k, 4) px of the boxes of a frame without second boxes, which show whole bodies, and confidences (k,)."""
+    """Edges (k, 4) px of a frame's boxes without second boxes, which of these (k,) show whole bodies, and confidences (k,)."""
     edges = np.column_stack([box[:, :2], box[:, :2] + box[:, 2:]])
     ratio = box[:, 3] / np.maximum(box[:, 2], 1e-6)
     kept = np.flatnonzero((box[:, 3] > LEAST_HEIGHT) & (box[:, 2] > 0))
@@ -166,7 +166,7 @@ def _of_frame(camera: Camera, box: Array, confidence: Array) -> tuple[Array, Mas
 
 
 def _hidden(edges: Array) -> Mask:
-    """Boxes (k,) whose lower or upper third is under boxes that end lower in the image, which are of nearer people."""
+    """Boxes (k,) whose lower or upper third is covered by boxes of nearer people, which end lower in the image."""
     height = (edges[:, 3] - edges[:, 1])[:, None]
     nearer = edges[None, :, 3] > edges[:, 3, None]
     across = np.minimum(edges[:, 2, None], edges[None, :, 2]) - np.maximum(edges[:, 0, None], edges[None, :, 0])
@@ -179,7 +179,7 @@ def _hidden(edges: Array) -> Mask:
 
 
 def _linked(table: LinkedBoxes, rate: float, period: int) -> Ints:
-    """Tracklet (n,) of each box: boxes of successive frames that are mutually nearest after prediction, where no other is nearly as near.
+    """Tracklet (n,) of each box: boxes of successive frames that are mutually nearest after prediction, and clearly nearer than any other.
 
     period: px after which the image wraps, 0 for none.
     """
@@ -214,7 +214,7 @@ def _linked(table: LinkedBoxes, rate: float, period: int) -> Ints:
 
 
 def _matches(before: Array, velocity: Array, passed: Array, now: Array, period: int) -> tuple[list[tuple[int, int]], Mask]:
-    """Pairs of a tracklet and a box, and which tracklets have no box near them; others without a box end."""
+    """Pairs of a tracklet and a box, and which tracklets have no box in their gate. Tracklets in neither, with an ambiguous box, end."""
     expected = before[:, :2] + velocity * passed[:, None]
     apart = now[None, :, :2] - expected[:, None]
     if period:

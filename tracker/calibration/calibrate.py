@@ -1,8 +1,8 @@
-"""Calibration of fixed cameras by the people who walk before them: read this first.
+"""Calibration of fixed cameras from boxes of walking people: read this first.
 
-Each camera says by itself what feet and heads tell of it (single_view.py). Pairs of cameras are brought to one ground by the paths of people
-(registration.py), the surest first. All parameters are then adjusted together with paths and statures (adjustment.py).
-What the data do not say is told in lines, `problems`, and the result is then a guess.
+Feet and heads in one view give focal length, pitch, roll and height of its camera (single_view.py). Paths of people register pairs of cameras
+on the ground (registration.py), the best pair first. Bundle adjustment then estimates all parameters with paths and statures (adjustment.py).
+`problems` lists what the data leave undetermined; if it is not empty, the result is a guess.
 """
 
 from __future__ import annotations
@@ -27,32 +27,34 @@ from tracker.geometry.cameras import LensCamera, Pinhole
 from tracker.recordings import Recording, RecordingCamera
 
 LEAST_SHARE, LEAST_SCORE = 0.25, 12.0
-"""Agreement of a camera's people with those of the others, and places that agree above chance: less is no overlap."""
+"""Share and number (above chance) of a camera's places that agree with other cameras. With less, the views count as not overlapping."""
 MOST_SIGMA = {FOCAL: 0.1, PITCH: np.radians(2.0), ROLL: np.radians(2.0), YAW: np.radians(2.0)}
-"""Deviations above which a parameter counts as not known."""
+"""Standard deviations above which a parameter counts as not known."""
 MOST_PLACE = 0.12
-"""The same of a place, as a share of the median distance of people."""
+"""The same for the camera's position, as a share of the median distance of people."""
 TRIED = 3
-"""Ways to place a camera that are adjusted, of which the one that then agrees best is taken."""
+"""Candidate placements of a camera that are adjusted; the one that agrees best afterwards is kept."""
 LEAST_SEEN, CONTRADICTION = 100, 0.15
-"""Places of people that two cameras should see, and the share of agreement below which they contradict each other."""
+"""Least places of people in the overlap of two cameras, and the share of agreement below which they contradict each other."""
 MOST_EDGE, WITHIN = 0.1, 2.0
-"""Error of a box's edge, a share of its height, that no detector of people has. Errors within which places of one person agree."""
+"""Largest plausible error of a box's edge, a share of its height. Standard deviations within which places of one person agree."""
 LINE = 0.06
-"""Breadth over length of the ground where people walk, below which they walk on a line."""
+"""Ratio of breadth to length of the area where people walk, below which they walk on a line."""
 TIGHT = 0.6
-"""Errors of places after the adjustment, as a share of those before."""
+"""Standard deviations of places after the adjustment, as a share of those before."""
 ROUGH = (8, 2500)
-"""Steps, and most boxes, of an adjustment before all cameras are in the frame."""
+"""Most steps and most boxes of an adjustment before all cameras are in the common frame."""
+LATE, ROUND = 100.0, 12.0
+"""s: times from a first box later than LATE are counted from there, less up to ROUND. That is a multiple of registration.STEP and people.SPACING."""
 OTHER_CLOCK = 3.0
-"""s: deviation of clock offsets before anything is known."""
+"""s: prior standard deviation of clock offsets."""
 PRINCIPAL, BENT = 0.02, 0.04
-"""Deviations of principal points from the middle of the image, over its width; and of corners by k1, over their distance from the middle."""
+"""Standard deviations: of the principal point from the image centre, over the width; of the shift of corners by k1, over their distance from it."""
 Progress = Callable[..., Iterable[Any]]
 
 
 def calibrate(recording: Recording, known: Known | None = None, progress: Progress | None = None) -> Calibration:
-    """Calibrate the fixed cameras of a recording by its boxes. Cameras with a pose are taken as they are, and define the world.
+    """Calibrate the fixed cameras of a recording from its boxes. Cameras with a pose keep it and define the world, unless `known.refine` is set.
 
     progress: wraps the iteration over pairs of cameras. Raises ValueError for a recording without fixed cameras that have boxes.
     """
@@ -65,7 +67,7 @@ def calibrate(recording: Recording, known: Known | None = None, progress: Progre
 
 
 class _Calibrator:
-    """State of a calibration: views, parameters of the cameras that stand in one frame, and problems."""
+    """State of a calibration: views, parameters `rows` of the cameras in the common frame, and problems."""
 
     def __init__(self, recording: Recording, known: Known) -> None:
         self.recording, self.known, self.problems = recording, known, list[str]()
@@ -78,25 +80,28 @@ class _Calibrator:
         self.posed = {name for name, camera in fixed.items() if "pose" not in camera.unknown}
         for name, camera in fixed.items():
             self._view(name, camera)
+        first = min((view.table.time.min(initial=np.inf) for view in self.views.values()), default=np.inf)
+        self.begin = ROUND * np.floor(first / ROUND) if LATE < first < np.inf else 0.0
+        for name, view in self.views.items():
+            self.views[name] = replace(view, table=replace(view.table, time=view.table.time - self.begin))
         self.steps = steps_of(self.views.values()) if self.views else 0
 
     def _view(self, name: str, camera: RecordingCamera) -> None:
         table = linked_boxes(camera.camera, self.recording.detections[name], self.recording.rate, self.recording.clocks.get(name))
         row = self._given(name, camera)
-        single = single_view(camera.camera, table, "K" not in camera.unknown, self.known.heights.get(name))
+        found = None if row is not None else single_view(camera.camera, table, "K" not in camera.unknown, self.known.heights.get(name))
+        single = found if row is None else SingleView(row, ())
         if row is not None:
-            single = SingleView(row, ())
+            self.rows[name] = row
         if single is None:
             count = int(table.whole.sum())
             needed = f"needs at least {LEAST_BOXES} that are apart in time, of people below a horizon"
             self.problems.append(f"{name}: {count} boxes show whole bodies, {needed}")
             return
         self.views[name] = CameraBoxes(name, camera.camera, table, single)
-        if row is not None:
-            self.rows[name] = row
 
     def _given(self, name: str, camera: RecordingCamera) -> Array | None:
-        """Parameters of a camera with a pose."""
+        """Parameters (11,) of a camera with a pose; None without one."""
         if name not in self.posed:
             return None
         ground = float(self.recording.ground.height_at(camera.pose.translation[None])[0])
@@ -127,7 +132,7 @@ class _Calibrator:
         return self._result(self._adjust(TIGHT), list(self.rows))
 
     def _refined(self) -> Calibration:
-        """The given calibration with what has moved, from the whole of the parameters in the frame."""
+        """The given calibration, with new values of the parameters that have changed."""
         names = list(self.rows)
         lost = np.array([name not in self.posed for name in names])
         given = np.array([self.rows[name] for name in names])
@@ -136,11 +141,16 @@ class _Calibrator:
         sigma = np.where((prior.sigma == 0) & (np.arange(11) > K1), np.inf, prior.sigma)
         sigma[:, FOCAL] = np.where([isinstance(self.views[name].camera, LensCamera) for name in names], USUAL_FOCAL[1], 0.0)
         body = prior.body.copy()
-        body[MEAN_STATURE] = STATURE, 0.2  # Cameras that stay give the scale.
-        free = replace(prior, mean=given, sigma=sigma, body=body)
+        body[MEAN_STATURE] = STATURE, 0.2  # Unchanged cameras fix the scale.
+        # Known heights (--height) are believed before given ones.
+        of_height = np.isin(names, list(self.known.heights))[:, None] & (np.arange(11) == HEIGHT)
+        free = replace(prior, mean=np.where(of_height, prior.mean, given), sigma=sigma, body=body)
         rows, loose = moved_cameras({name: self.views[name] for name in names}, self.steps, given, free, lost)
         for tight in (1.3, 0.8):
             seen = observations(self.views, dict(zip(names, rows, strict=True)), self.steps, tight)
+            if len(seen.view) < LEAST_BOXES:
+                self.posed = {name for name, one in zip(names, lost.tolist(), strict=True) if not one}
+                return self._result(None, names)
             adjusted, moved = refine([self.views[name].camera for name in names], seen, (given, rows), free, (loose, lost))
             rows = adjusted.rows
         self.rows = dict(zip(names, rows, strict=True))
@@ -150,9 +160,9 @@ class _Calibrator:
         return replace(found, cameras={**found.cameras, **unmoved}, moved_frame=False, changes=tuple(changes(names, given, adjusted, moved)))
 
     def _contradictions(self, adjusted: Adjusted) -> list[str]:
-        """Lines on cameras whose boxes miss people by more than a detector does, or miss people that another camera sees.
+        """Lines on cameras with larger box errors than detectors have, and on pairs that disagree on the people in their overlap.
 
-        The lower edges of boxes tell places as surely as `edges` has it. Nearer than that, people that both cameras see need to be.
+        Places of a person agree within WITHIN standard deviations. These follow from the errors of the lower edges (`edges`).
         """
         worst = dict(zip(self.rows, adjusted.edges.max(axis=1).tolist(), strict=True))
         out = [
@@ -164,14 +174,14 @@ class _Calibrator:
         for a, b in combinations(self.rows, 2):
             clouds = {name: self._cloud(name, self.rows[name], min(far / FAR_ERROR, 1.0)) for name in (a, b)}
             both = [seen_alike(self.views[one], self.rows[one], clouds[one], clouds[other]) for one, other in ((a, b), (b, a))]
-            # People whom one camera misses lower its share. A wrong camera lowers both.
+            # Missed detections of one camera lower one of the two shares. A wrong calibration lowers both.
             share = max(share for _, _, share in both)
             if min(seen for seen, _, _ in both) >= LEAST_SEEN and share < CONTRADICTION:
                 out.append(f"{a} and {b} see the same ground, but only {max(share, 0.0):.0%} of the people there agree: one of them is wrong")
         return out
 
     def _forget_lost(self) -> None:
-        """Take back the poses of cameras whose people nobody else sees there, if others agree: these are to be found anew."""
+        """Discard the poses of cameras that agree with no other camera, if at least two others agree; they are estimated anew."""
         agree = {name: self._share(name, None, 1.5)[1] for name in self.rows}
         lost = [name for name in agree if agree[name] < LEAST_SHARE]
         if len(agree) - len(lost) < 2:
@@ -185,14 +195,14 @@ class _Calibrator:
                 del self.rows[name]
 
     def _order(self) -> None:
-        """Bring the cameras into the order of the recording, and the first of them to the origin where none has a pose."""
+        """Sort the cameras in the order of the recording. Without a given pose, move the first one to the origin."""
         names = [name for name in self.views if name in self.rows]
         first = self.rows[names[0]]
         origin = np.where(np.isin(np.arange(len(first)), [X, Y, YAW, OFFSET]), 0.0, first)
         self.rows = {name: self.rows[name] if self.posed else _moved(self.rows[name], first, origin) for name in names}
 
     def _begin(self, matches: Mapping[tuple[str, str], list[Match]]) -> None:
-        """The pair that agrees best after it is adjusted, of the surest matches; else the camera with the most boxes."""
+        """Start the frame with the best match that agrees after adjustment, else with one camera: of the best match, or with the most boxes."""
         found = [(one.value, pair, one) for pair, of_pair in matches.items() for one in of_pair if one.value > LEAST_SHARE * LEAST_SCORE]
         surest = sorted(found, key=lambda one: -one[0])[:TRIED]
         if not self._best_of([dict(zip(pair, one.rows, strict=True)) for _, pair, one in surest]):
@@ -200,7 +210,7 @@ class _Calibrator:
             self.rows = {name: self.views[name].single.row.copy()}
 
     def _join(self, left: list[str], matches: Mapping[tuple[str, str], list[Match]]) -> bool:
-        """Bring one more camera into the frame, the one that agrees best with those there; False where none does."""
+        """Add the camera that agrees best with those in the frame; False if none agrees."""
         found: list[tuple[float, str, Array]] = []
         for name in left:
             candidates = []
@@ -221,9 +231,9 @@ class _Calibrator:
         return False
 
     def _best_of(self, frames: list[dict[str, Array]]) -> bool:
-        """Take those parameters of cameras whose last one agrees best with the others once all are adjusted; False where none agree.
+        """Keep the candidate frame whose last camera agrees best with the others after adjustment; False if every candidate fails.
 
-        A camera in a wrong place draws the others out of theirs.
+        All cameras have to agree, because a wrongly placed camera displaces the others.
         """
         best = 0.0, self.rows
         for frame in frames:
@@ -236,14 +246,14 @@ class _Calibrator:
         return best[0] > 0
 
     def _share(self, name: str, row: Array | None = None, tight: float = TIGHT) -> tuple[float, float]:
-        """Agreement of a camera with the others in the frame, as registration.agreement: best sum and its share."""
+        """Agreement of a camera with the others in the frame (registration.agreement): sum of the scores, and the share of the highest one."""
         cloud = self._cloud(name, self.rows[name] if row is None else row, tight)
         others = [(other, its) for other, its in self.rows.items() if other != name]
         found = [seen_alike(self.views[other], its, self._cloud(other, its, tight), cloud)[1:] for other, its in others]
         return sum(max(score, 0.0) for score, _ in found), max(found, default=(0.0, 0.0))[1]
 
     def _cloud(self, name: str, row: Array, tight: float) -> Cloud:
-        """The places that a camera sees under its parameters `row`; the last ones are kept."""
+        """The places that a camera sees under its parameters `row`. The last result is cached."""
         last, cloud = self.clouds.get((name, tight), (None, None))
         if cloud is None or last is not row:
             cloud = Cloud.of(paths_of(self.views[name], row, self.steps), tight)
@@ -279,11 +289,11 @@ class _Calibrator:
         return Prior(mean, sigma, body, far, lens[:, [CX, CY, K1]])
 
     def _scaled(self) -> bool:
-        """Whether something other than statures gives the scale."""
+        """Whether a height, a distance or a pose gives the scale."""
         return bool(self.known.heights or self.known.distances or len(self.posed) > 0)
 
     def _adjust(self, tight: float = 1.0, rough: bool = False) -> Adjusted | None:
-        """Adjust the cameras in the frame. rough: few steps with some of the boxes, where other cameras are still to come."""
+        """Adjust the cameras in the frame; None with too few boxes. rough: few steps with some of the boxes, before all cameras are in the frame."""
         names = list(self.rows)
         seen = observations(self.views, self.rows, self.steps, tight, ROUGH[1] if rough else MOST)
         if len(seen.view) < LEAST_BOXES:
@@ -313,13 +323,13 @@ class _Calibrator:
             pose = Pose(pose.rotation, pose.translation + np.array([0.0, 0.0, ground]))
             cameras[name] = given if name in self.posed else RecordingCamera(lens_of(given.camera, row), pose, given.robot)
             offsets[name] = float(row[OFFSET])
-        paths = {} if adjusted is None else adjusted.paths
+        paths = {} if adjusted is None else {person: (time + self.begin, place) for person, (time, place) in adjusted.paths.items()}
         self._doubt(adjusted, names)
         figures = {} if adjusted is None else adjusted.figures()
         return Calibration(cameras, offsets, rows, covariance, tuple(self.problems), figures, paths, moved_frame=not self.posed)
 
     def _doubt(self, adjusted: Adjusted | None, names: list[str]) -> None:
-        """Lines on what the adjustment leaves open."""
+        """Add lines on what the adjustment leaves undetermined to `problems`."""
         if adjusted is None:
             if names:
                 self.problems.append("too few boxes of people who can be told apart")
@@ -345,11 +355,11 @@ class _Calibrator:
                 self.problems.append(f"{name}: its place is known to {np.hypot(*sigma[k, [X, Y]]):.2f} m only")
 
     def _apart_from_frame(self, adjusted: Adjusted, names: list[str]) -> Array:
-        """Deviations (n, 5) of pitch, roll and yaw rad of the middle of each image, and of x, y m.
+        """Standard deviations (n, 5): pitch, roll and yaw, rad, of the ray through the image centre, and x, y, m, without the choice of frame.
 
-        A principal point and the camera's turn are known together better than each. Where a camera with a pose defines the world, deviations are
-        against it. Of two cameras they are against the first one, and the scale is left out where statures alone give it. Three or more are
-        compared after the best similarity of their places, as the frame of the first one is uncertain in all of them.
+        The central ray is used because errors of principal point and rotation are correlated. If a camera has a pose, deviations are relative to it.
+        For two cameras they are relative to the first, without the scale if statures alone give it. For three or more, the best similarity
+        transformation of the positions is removed, because all share the uncertain frame of the first one.
         """
         rows, n = adjusted.rows, len(names)
         T = np.zeros((n, 5, n, 11))
@@ -379,7 +389,7 @@ class _Calibrator:
 
 
 def _moved(row: Array, beside: Array, world: Array) -> Array:
-    """Parameters of a camera that stands to `beside` as `row` says, where that camera has the parameters `world`."""
+    """Move `row` rigidly, from the frame where another camera has the parameters `beside` to that where it has `world`."""
     out, turn = row.copy(), world[YAW] - beside[YAW]
     away = row[[X, Y]] - beside[[X, Y]]
     c, s = np.cos(turn), np.sin(turn)

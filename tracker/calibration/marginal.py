@@ -1,7 +1,7 @@
 """Paths and statures integrated out of an adjustment, by Laplace's approximation (MacKay 1992).
 
-Paths of greatest posterior density hide noise: where all of them are unknowns beside a few cameras, the cameras' estimates are biased (Neyman and
-Scott 1948). The determinant of the information of paths and statures, which the marginal density of the cameras holds, takes the bias away.
+If paths are estimated jointly with a few cameras, they absorb noise, and the cameras' estimates are biased (Neyman and Scott 1948).
+The marginal density of the cameras contains the determinant of the information of paths and statures, which removes the bias.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from tracker.geometry import Array, Ints
 
 
 class PeoplesPaths(NamedTuple):
-    """Where the unknowns of people are. Of each observation: person (n,), knot (n,), share (n,) of the next one; first, counts (people,)."""
+    """Indices of people's unknowns. Of each observation: person (n,), knot (n,), share (n,) of the next knot; of people: first knot, counts."""
 
     person: Ints
     at: Ints
@@ -26,7 +26,7 @@ class PeoplesPaths(NamedTuple):
 
 
 class _Inverse:
-    """The inverse of the information of knots near its diagonal. Two knots are a block of four: x, y, x, y. Blocks of a path are tridiagonal."""
+    """The inverse of the information of knots near its diagonal. Two knots are a block of four: x, y, x, y. A path is block tridiagonal."""
 
     def __init__(self, paths: PeoplesPaths, information: sparse.csc_matrix) -> None:
         knots = int(paths.counts.sum())
@@ -69,7 +69,7 @@ class _Inverse:
         return out
 
     def trace(self, matrix: sparse.spmatrix, knots: int) -> float:
-        """Of the inverse times a symmetric matrix (knots, knots) for each axis, which reaches two knots far."""
+        """Trace of the inverse times a symmetric matrix (knots, knots) for each axis, of bandwidth two."""
         entries, total = matrix.tocoo(), 0.0
         for axis in (0, 1):
             (p, b, i), (_, c, j) = (self._places(one + axis * knots, knots) for one in (entries.row, entries.col))
@@ -80,14 +80,14 @@ class _Inverse:
 
 
 def local_covariances(paths: PeoplesPaths, information: sparse.csc_matrix, smooth: sparse.csr_matrix) -> tuple[Array, float]:
-    """Posterior covariances (n, 3, 3) of stature and place at each observation; and how many directions of all paths the data decide.
+    """Posterior covariances (n, 3, 3) of stature and place at each observation; and the degrees of freedom of all paths that the data determine.
 
-    information: of statures, then x, then y of all knots. smooth: differences of an axis of them over their deviation, as in the information.
+    information: of statures, then x, then y of all knots. smooth: second differences of the knots of one axis over their standard deviation.
     """
     people, knots = len(paths.first), int(paths.counts.sum())
     of_paths, own = information[people:, people:].tocsc(), information.diagonal()[:people]
     inverse = _Inverse(paths, of_paths)
-    # Each column of the border has rows of its own: all are solved at once.
+    # Columns of the border have disjoint rows, so one solve serves all.
     border = np.asarray(information[:people, people:].sum(axis=0)).ravel()
     along = splu(of_paths).solve(border)
     owner = np.tile(inverse.person, 2)

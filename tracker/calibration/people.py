@@ -1,4 +1,4 @@
-"""Who is who: tracklets of all cameras joined to people, and their boxes as the observations of the adjustment."""
+"""Association: tracklets of all cameras are joined to people, whose boxes are the observations of the adjustment."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from tracker.calibration.single_view import thinned
 from tracker.geometry import Array, Ints, Mask
 
 LEAST_STEPS = 3
-"""Common steps of two tracklets that are joined."""
+"""Least common steps of two tracklets that are joined."""
 NEAR = 1.3
-"""Root mean square distance of two tracklets that are joined, in errors of places."""
+"""Largest root mean square distance of two tracklets that are joined, in standard deviations of places."""
 LONGER = 0.15
-"""By how much the distance of tracklets may be larger for e times the common steps."""
+"""Discount on the distance of two tracklets for e times the common steps."""
 ALONE = 4.0
-"""s: tracklets that no other camera sees are used where they are as long."""
+"""s: least duration of a tracklet that no other camera sees, to be used."""
 SPACING, MOST = 0.4, 7000
 """s between two boxes of a tracklet, and most boxes in all."""
 EDGE, EDGE_PIXELS = 0.04, 1.5
@@ -39,7 +39,7 @@ class Observations:
     sigma: Array
 
     def of_people(self, kept: Mask) -> Observations:
-        """The boxes of some of the people (people,), who are counted anew."""
+        """The boxes of the people in the mask `kept` (people,), who are renumbered from 0."""
         rows, number = kept[self.person], np.cumsum(kept) - 1
         return Observations(self.view[rows], number[self.person[rows]], self.time[rows], self.box[rows], self.sigma[rows])
 
@@ -96,7 +96,7 @@ def _joined(paths: list[Paths], tight: float) -> list[Ints]:
 
 
 def _near(a: Paths, b: Paths, tight: float, first: tuple[int, int]) -> list[tuple[float, int, int]]:
-    """Pairs of tracklets of two views that walk together: their distance in errors, less for longer ones, and their numbers."""
+    """Pairs of tracklets of two views on one path: distance in standard deviations less a discount for length, and their numbers."""
     if not len(a.z) or not len(b.z):
         return []
     n = a.here @ b.here.T

@@ -1,8 +1,8 @@
-"""A given calibration refined: which cameras have moved, and by how much. What the data do not say stays as it is.
+"""Refinement of a given calibration: which cameras have moved, and by how much. Other parameters keep their given values.
 
-All cameras stay at first. Each camera in turn is found anew among the others. The one whose parameters then differ most from what was given is let
-free, then the next one, as long as Wald's test is significant. Its covariance is that of clusters. A test at what was given would not find great
-errors: there, boxes of that camera are outliers, or its errors of boxes seem large. Parameters within their errors of what was given go back.
+All cameras are held fixed at first. Each camera in turn is estimated anew. The camera that then differs most from its given values is freed. This
+repeats while Wald's test with a clustered covariance is significant. A test at the given values would miss large errors, because the
+camera's boxes are outliers there, or its box errors seem large. Parameters within their errors of the given values are reset to these.
 """
 
 from __future__ import annotations
@@ -25,20 +25,20 @@ from tracker.recordings.calibration_errors import swapped_cameras
 from tracker.recordings.calibration_feet import CalibrationCase
 
 SIGNIFICANCE = 1e-4
-"""Probability of a test that finds something where nothing has moved, if errors are as they are modelled."""
+"""Significance level of the test: its rate of false positives if errors are as modelled."""
 TESTED = 7
 """Parameters of a camera that are tested: focal length, angles, place."""
 SIGMAS = 3.0
-"""Deviations within which a parameter of a camera that has moved goes back to what was given."""
+"""Standard deviations within which a parameter of a moved camera is reset to its given value."""
 ROUNDS = 12
 TIGHTER, FEW_ROUNDS, MOST = (2.0, 1.0), 8, 1200
-"""Factors of the errors within which tracklets are joined, steps of an adjustment, and most boxes, where a camera is found anew."""
+"""Of a camera that is estimated anew: factors of the errors within which tracklets are joined, steps of an adjustment, and most boxes."""
 LIKE_OTHERS = 1.5
-"""Errors of edges over those of the usual camera, below which no other start is tried."""
+"""Ratio of a camera's errors of edges to the median camera's, below which no second start is tried."""
 
 
 def unswapped(recording: Recording) -> tuple[Recording, list[str]]:
-    """The recording whose cameras have the calibration that their boxes fit, and a line where two were swapped, as `pilsim check` finds it."""
+    """The recording with the calibrations of two swapped cameras exchanged, and a line on it (as of `pilsim check`); unchanged without a swap."""
     if any(camera.unknown for camera in recording.fixed.values()):
         return recording, []
     found = swapped_cameras(CalibrationCase.of(replace(recording, truth=None)))
@@ -50,16 +50,16 @@ def unswapped(recording: Recording) -> tuple[Recording, list[str]]:
 
 
 def moved_cameras(views: Mapping[str, CameraBoxes], steps: int, rows: Array, free: Prior, lost: Mask) -> tuple[Array, Mask]:
-    """Parameters (cameras, 11) near the best ones, and which cameras (cameras,) have moved: at most half of them, as the others define the world.
+    """Parameters (cameras, 11) near the optimum, and which cameras (cameras,) have moved: at most half, beside lost ones. The rest defines the world.
 
-    rows: as given. free: prior of all parameters, if they were free. lost (cameras,): cameras that are not known at all.
+    rows: as given. free: prior of all parameters, if they were free. lost (cameras,): cameras without a usable pose.
     """
     found, moved = rows.copy(), lost.copy()
     most = max(len(rows) // 2, 1)
     while moved.sum() < most + lost.sum() and not moved.all():
         tests = {int(k): _found_anew(views, steps, found, _alone(free, moved, int(k)), int(k)) for k in np.flatnonzero(~moved)}
         worst = max(tests, key=lambda k: tests[k][0])
-        # Calibrations have errors of their own, and so have models of boxes: by these all cameras differ from what was given.
+        # Errors of the given calibration and of the box model make all cameras differ from the given values, so the median is the unit.
         usual = max(float(np.quantile([one for one, _ in tests.values()], 0.5, method="lower")), 1.0) if len(tests) > 2 else 1.0
         if tests[worst][0] <= usual * float(chi2.isf(SIGNIFICANCE, TESTED) / TESTED):
             break
@@ -68,9 +68,9 @@ def moved_cameras(views: Mapping[str, CameraBoxes], steps: int, rows: Array, fre
 
 
 def _free(prior: Prior, moved: Mask) -> Mask:
-    """Parameters (cameras, 11) that are free where these cameras (cameras,) have moved: all of theirs, and the clocks of all but the first.
+    """Free parameters (cameras, 11) if the cameras `moved` (cameras,) have moved: all of theirs, and the clocks of all cameras but the first.
 
-    Where all have moved, the first one defines the world.
+    If all have moved, the first one defines the world.
     """
     free = moved[:, None] & (prior.sigma > 0)
     free[1:, OFFSET] = True
@@ -81,12 +81,15 @@ def _free(prior: Prior, moved: Mask) -> Mask:
 
 
 def _alone(prior: Prior, moved: Mask, k: int) -> Prior:
-    """The prior where cameras stay as they are but for those that have moved, and for camera k."""
+    """The prior with the free parameters of _free for the moved cameras and camera k; all others are held fixed."""
     return replace(prior, sigma=np.where(_free(prior, moved | (np.arange(len(moved)) == k)), prior.sigma, 0.0))
 
 
 def _found_anew(views: Mapping[str, CameraBoxes], steps: int, rows: Array, prior: Prior, k: int) -> tuple[float, Array]:
-    """Wald's statistic of the parameters of camera k but its clock, over their number, and the parameters (cameras, 11) with it found anew."""
+    """Estimate camera k anew: Wald's statistic of its parameters but the clock, over their number, and the parameters (cameras, 11).
+
+    Without boxes of people the statistic is 0.
+    """
     names, cameras = list(views), [view.camera for view in views.values()]
     view = list(views.values())[k]
     best: tuple[Adjusted, Observations] | None = None
@@ -95,6 +98,8 @@ def _found_anew(views: Mapping[str, CameraBoxes], steps: int, rows: Array, prior
         tried[k] = start
         for tight in TIGHTER:
             seen = observations(views, dict(zip(names, tried, strict=True)), steps, tight, MOST)
+            if not len(seen.view):
+                return 0.0, rows
             adjusted = adjust(cameras, seen, tried, prior, FEW_ROUNDS, integrated=False)
             tried = adjusted.rows
         if best is None or adjusted.edges[k].max() < best[0].edges[k].max():
@@ -111,7 +116,7 @@ def _found_anew(views: Mapping[str, CameraBoxes], steps: int, rows: Array, prior
 
 
 def _by_itself(view: CameraBoxes, row: Array) -> Array:
-    """Parameters (11,) of a camera where it was given, which looks as its own boxes say."""
+    """Parameters (11,) of a camera at its given x, y and yaw, with focal length, pitch, roll and height from its own boxes (single_view)."""
     single = single_view(view.camera, view.table, False)
     return row if single is None else np.where(np.isin(np.arange(len(row)), [FOCAL, PITCH, ROLL, HEIGHT]), single.row, row)
 
@@ -119,8 +124,8 @@ def _by_itself(view: CameraBoxes, row: Array) -> Array:
 def refine(cameras: Sequence[Camera], seen: Observations, rows: tuple[Array, Array], prior: Prior, moved: tuple[Mask, Mask]) -> tuple[Adjusted, Mask]:
     """Adjust the cameras that have moved. Returns the adjusted state, and which parameters (cameras, 11) have moved.
 
-    rows: parameters (cameras, 11) as given, and near the best ones. prior: as moved_cameras has it. moved: which cameras (cameras,) have, and which
-    of them are not known at all.
+    rows: parameters (cameras, 11) as given, and near the best ones. prior: `free` of moved_cameras. moved: which cameras (cameras,) have moved, and
+    which are lost.
     """
     free = _free(prior, moved[0])
     problem = Problem(cameras, seen, rows[1], prior)
@@ -132,7 +137,7 @@ def refine(cameras: Sequence[Camera], seen: Observations, rows: tuple[Array, Arr
 
 
 def _settled(problem: Problem, rows: Array, moved: Mask, lost: Mask) -> Adjusted:
-    """The state after parameters of moved cameras that are within their errors went back; `moved` is changed."""
+    """The state after parameters of moved cameras within SIGMAS of their given values are reset to these; `moved` is changed."""
     for _ in range(int(moved.sum())):
         sigma = np.sqrt(np.diag(problem.covariance(_held(problem, moved)))).reshape(moved.shape)
         ratio = np.where(moved & ~lost[:, None], np.abs(problem.rows - rows) / np.maximum(sigma, 1e-12), np.inf)
@@ -141,13 +146,13 @@ def _settled(problem: Problem, rows: Array, moved: Mask, lost: Mask) -> Adjusted
         back = np.unravel_index(int(np.argmin(ratio)), ratio.shape)
         moved[back] = False
         problem.rows[back] = rows[back]
-        # What stays moves little, as that parameter was within its error.
+        # The other parameters change little, because this one was within its error.
         problem.integrate(2, _held(problem, moved))
     return problem.result(problem.covariance(_held(problem, moved)))
 
 
 def _held(problem: Problem, moved: Mask) -> Mask:
-    """Which of the free parameters (free,) of a problem stay."""
+    """Which of the free parameters (free,) of a problem are held fixed."""
     return np.asarray(~moved.ravel()[problem.free])
 
 

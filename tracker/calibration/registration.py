@@ -1,7 +1,7 @@
-"""Two cameras brought to one ground: the rigid motion and the clock offset under which people of both walk the same paths.
+"""Registration of two cameras: the rigid motion on the ground and the clock offset under which people of both walk the same paths.
 
-Each pair of tracklets, one of either camera, fits a motion for each offset (Umeyama 1991 in the plane, all pairs at once). The best ones are
-tried on all people. The cameras' own parameters, known to their covariances alone, are then adjusted with the motion.
+Each pair of tracklets, one of each camera, gives a motion for each offset (Umeyama 1991 in the plane, all pairs at once). The best motions are
+scored by all people. The bundle adjustment then refines them with all other parameters.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from tracker.geometry import Array, Ints, Mask
 from tracker.geometry.cameras import Camera
 
 MOST_OFFSET = 5.0
-"""s: clocks differ by at most so much."""
+"""s: largest offset between two clocks."""
 EARLIER = 2 * MOST_OFFSET
 """s before time 0 at which paths begin, as clocks may be late."""
 STEP = 0.3
@@ -28,28 +28,28 @@ STEP = 0.3
 SMOOTH = 0.5
 """s over which places are averaged."""
 LEAST_TIME, LEAST_WAY, LONGEST = 1.5, 1.0, 80
-"""s and m: tracklets by which motions are guessed, and how many of a camera, the longest first."""
+"""Least duration, s, and extent, m, of tracklets for guesses of motions, and their largest number per camera, the longest first."""
 ERROR, FAR_ERROR = 0.3, 0.1
-"""m: error of a place, and what is added to it by the metre from its camera, before cameras are adjusted."""
+"""Standard deviation of a place before the adjustment: a constant, m, and its increase per metre of distance from the camera."""
 PAIRS, TRIED, KEPT, REFINED = 60, 300, 10, 6
-"""Guesses of an offset, guesses that are tried, those that are tried by more places, and matches of two cameras."""
+"""Most guesses per offset, guesses that are scored, guesses that are scored again with more places, and matches of two cameras."""
 UNLIKELY = 8.0
-"""Difference of the logarithm of a density for which a match counts 1/e: boxes of real detectors make it too large."""
+"""Loss of log density for which a match counts 1/e. It is large, because boxes of real detectors inflate such losses."""
 FEW, POINTS = 100, 700
-"""Places of a camera by which a guess is tried, first and then."""
+"""Places of a camera by which a guess is scored in the first and the second round."""
 APART = 100.0
 """m along the third axis of the search tree between two steps of time."""
 FARTHEST = 60.0
 """m: places beyond are not used."""
 LEAST_STEPS = 4
 LEAST_IN_VIEW = 20
-"""Places that two cameras should see for them to be compared, or a twentieth of those that are tried."""
+"""Least places in view for a comparison of two cameras; less if a twentieth of those tried, plus one, is less."""
 FOOT = 0.15
 
 
 @dataclass(frozen=True, eq=False)
 class CameraBoxes:
-    """A camera with its boxes and what it says by itself."""
+    """A camera with its boxes and its estimate from one view."""
 
     name: str
     camera: Camera
@@ -77,7 +77,7 @@ class Paths:
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """Two cameras in the frame of the first. rows: parameters of both. score: places that agree, above chance. share: of those that could agree.
+    """Two cameras in the frame of the first. rows: parameters of both. score: places that agree, above chance. share: of those that could.
 
     likely: 1 for the likeliest focal lengths of both, less for others.
     """
@@ -94,7 +94,7 @@ class Match:
 
 
 def steps_of(views: Iterable[CameraBoxes]) -> int:
-    """Steps from EARLIER s before time 0 to as long after the last box."""
+    """Number of steps from EARLIER s before time 0 to EARLIER s after the last box."""
     return int((max(view.table.time.max(initial=0.0) for view in views) + 2 * EARLIER) / STEP) + 2
 
 
@@ -169,7 +169,7 @@ def guesses(a: Paths, b: Paths, most: int) -> list[Guess]:
 
 
 def _longest(paths: Paths) -> Ints:
-    """Tracklets by which motions are guessed, at most LONGEST of them."""
+    """Tracklets for guesses of motions, at most LONGEST of them."""
     steps = paths.here.sum(axis=1)
     moving = np.flatnonzero((steps * STEP >= LEAST_TIME) & (_way(paths) >= LEAST_WAY))
     return np.sort(moving[np.argsort(-steps[moving], kind="stable")[:LONGEST]])
@@ -212,7 +212,7 @@ class Cloud:
         return Cloud(point, step, tight * (ERROR + FAR_ERROR * paths.range[track, step]), tree, paths.here.shape[1])
 
     def some(self, most: int) -> Cloud:
-        """At most so many of the places."""
+        """At most `most` of the places, evenly spread."""
         rows = np.linspace(0, len(self.point) - 1, min(most, len(self.point))).astype(np.int64)
         return replace(self, point=self.point[rows], step=self.step[rows], error=self.error[rows])
 
@@ -223,9 +223,9 @@ class Cloud:
 
 
 def agreement(a: Cloud, b: Cloud, in_view: Mask, moved: Array, steps: Ints | int = 0) -> tuple[Array, Array]:
-    """How many of b's n places are where a sees somebody, above chance; and as a share of those in view. Of g motions (g,) each.
+    """Number of b's n places at which a sees somebody, above chance, and its share of those in view, each (g,) for g motions.
 
-    in_view (g, n): whether a should see the places. moved (g, n, 2) m: places in a's frame. steps (g,): by which b's time is moved on.
+    in_view (g, n): whether a should see the places. moved (g, n, 2) m: places in a's frame. steps (g,): added to b's time.
     """
     motion, place = np.nonzero(in_view)
     count = len(in_view)
@@ -246,7 +246,7 @@ def agreement(a: Cloud, b: Cloud, in_view: Mask, moved: Array, steps: Ints | int
 
 
 def visible(view: CameraBoxes, row: Array, point: Array) -> Mask:
-    """Which people at places (n, 2) m are wholly in the image of a camera, not too far from it for its boxes."""
+    """Which people at places (n, 2) m are wholly in the image of a camera, and not smaller there than its boxes."""
     box = boxes_of(view.camera, row, point, np.full(len(point), STATURE), np.array([FOOT, FOOT]))
     t = view.table
     with np.errstate(invalid="ignore"):
@@ -255,9 +255,9 @@ def visible(view: CameraBoxes, row: Array, point: Array) -> Mask:
 
 
 def seen_alike(a: CameraBoxes, row: Array, own: Cloud, other: Cloud) -> tuple[int, float, float]:
-    """How many places of another camera's people camera a should see, their agreement with its own above chance, and as a share.
+    """Number of places of another camera that camera a should see, and their agreement with its own: above chance, and as a share.
 
-    row (11,): parameters of a. own, other: places that both cameras see, in one frame.
+    row (11,): parameters of a. own, other: places that a and the other camera see, in one frame.
     """
     inside = visible(a, row, other.point)
     score, share = agreement(own, other, inside[None], other.point[None])
@@ -276,12 +276,12 @@ class _Side:
 
     @staticmethod
     def of(view: CameraBoxes, row: Array, less: float, steps: int) -> _Side:
-        """less: by how much the logarithm of the density is less than that of the likeliest parameters."""
+        """less: loss of log density against the likeliest parameters."""
         paths = paths_of(view, row, steps)
         return _Side(view, row, float(np.exp(-less / UNLIKELY)), paths, Cloud.of(paths))
 
     def matches(self, other: _Side, guesses: list[Guess], points: int) -> list[Match]:
-        """The other camera placed beside this one by each of the guesses, which are judged by so many of its places."""
+        """Matches of the other camera as placed by each of the guesses, scored by at most `points` of its places."""
         part = other.cloud.some(points)
         turn, shift = (np.array([getattr(guess, name) for guess in guesses], dtype=np.complex128) for name in ("turn", "shift"))
         z = turn[:, None] * (part.point[:, 0] + 1j * part.point[:, 1]) + shift[:, None]
@@ -295,7 +295,7 @@ class _Side:
 def match(a: CameraBoxes, b: CameraBoxes, steps: int) -> list[Match]:
     """The likeliest ways in which camera b stands in the frame of camera a; the best first.
 
-    A focal length that a camera does not tell by itself stretches its ground, so all pairs of some are tried.
+    An uncertain focal length stretches the ground plane, so all pairs of the likely ones are tried.
     """
     sides = [[_Side.of(view, row, less, steps) for row, less in view.single.tried] for view in (a, b)]
     out: list[Match] = []
@@ -315,7 +315,7 @@ def _placed(row: Array, guess: Guess) -> Array:
 
 
 def _distinct(found: list[Match], most: int) -> list[Match]:
-    """The first of matches that are like each other."""
+    """The first `most` matches that differ from each other; of similar ones, the first."""
     out: list[Match] = []
     for one in found:
         row = one.rows[1]

@@ -1,4 +1,4 @@
-"""What is known before a calibration, and its result: cameras, clock offsets, covariances, and what the data do not say."""
+"""Prior knowledge of a calibration, and its result: cameras, clock offsets, covariances, and what the data leave undetermined."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from tracker.recordings.clock_offsets import with_offsets
 
 @dataclass(frozen=True)
 class Known:
-    """What is known beside the boxes. heights: camera → m above the ground. distances: two cameras → m.
+    """Prior knowledge beside the boxes. heights: camera → m above the ground. distances: two cameras → m.
 
-    stature: mean of people, m; None where it is not known. principal, k1: whether these are estimated, too.
-    refine: whether poses that are given may have moved.
+    stature: mean of people, m; None where it is not known. principal, k1: whether to estimate the principal point, and k1, too.
+    refine: whether cameras with a given pose may have moved.
     """
 
     heights: Mapping[str, float] = field(default_factory=dict)
@@ -35,11 +35,11 @@ class Known:
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """Cameras with their models and poses, and what is known of them.
+    """Calibrated cameras with the uncertainty of their parameters.
 
     cameras: name → camera. offsets: name → s to add to its times. rows (cameras, 11): parameters as in body.NAMES; covariance (cameras · 11, same).
-    problems: what the data do not say, a line each; the result is a guess where there is one. figures: of the fit. paths: of people, m.
-    moved_frame: whether the world is a new one, as no camera had a pose. changes: what has moved of a calibration that was refined, a line each.
+    problems: lines on what the data leave undetermined; with any, the result is a guess. figures: of the fit. paths: person → times s, places m.
+    moved_frame: whether the world frame is new, because no camera had a pose. changes: lines on what a refinement changed.
     """
 
     cameras: dict[str, RecordingCamera]
@@ -64,7 +64,7 @@ class Calibration:
         return np.asarray(np.sqrt(s[:, X] ** 2 + s[:, Y] ** 2 + (np.exp(self.rows[:, HEIGHT]) * s[:, HEIGHT]) ** 2))
 
     def applied(self, recording: Recording) -> Recording:
-        """The recording with these cameras and clocks; without truth, area and terrain where the world is a new one."""
+        """The recording with these cameras and clocks; without truth, area and terrain if the world frame is new."""
         late = {name: seconds for name, seconds in self.offsets.items() if seconds}
         changed = replace(with_offsets(recording, late), cameras={**recording.cameras, **self.cameras})
         if not self.moved_frame:
@@ -72,7 +72,7 @@ class Calibration:
         return replace(changed, truth=None, visible={}, area=None, ground=Flat(), occluders=None, pillars=np.zeros((0, 5)))
 
     def lines(self) -> list[str]:
-        """A table of the cameras, each parameter with its deviation."""
+        """A table of the cameras, each parameter with its standard deviation."""
         width = max([6, *map(len, self.cameras)])
         heads = {"focal [px]": 14, "pitch [°]": 13, "roll [°]": 13, "yaw [°]": 14, "x, y, height [m]": 24, "±": 5, "clock [s]": 15}
         out = [" ".join([f"{'camera':{width}}", *(f"{head:>{wide}}" for head, wide in heads.items())])]
@@ -87,7 +87,7 @@ class Calibration:
         return out
 
     def to_json(self) -> dict[str, Any]:
-        """As calibrated.json holds it."""
+        """The content of calibrated.json."""
         return {
             "parameters": list(NAMES),
             "cameras": {

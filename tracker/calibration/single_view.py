@@ -1,7 +1,7 @@
-"""A camera by itself: focal length, pitch, roll and height from the feet and heads of people of known mean stature.
+"""Calibration from one view: focal length, pitch, roll and height from the feet and heads of people of known mean stature.
 
-A box that stands on the ground has a stature under every guess of the camera. The right guess gives each person one stature in all places, and
-statures that are spread as people's are (Lv, Zhao and Nevatia 2006, with maximum likelihood in place of their linear estimate).
+Given the camera's parameters, each box on the ground has a stature. The right parameters give each person one stature in all places, and the usual
+distribution of statures (Lv, Zhao and Nevatia 2006, with maximum likelihood in place of their linear estimate).
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from tracker.geometry import Array, Ints, Mask
 from tracker.geometry.cameras import Camera, LensCamera
 
 STATURE, SPREAD, STATURES = 1.72, 0.09, (1.5, 2.0)
-"""m: mean, deviation and bounds of statures, as the simulated people have them."""
+"""m: mean, standard deviation and bounds of statures, as of the simulated people."""
 FOCALS = np.geomspace(0.4, 2.2, 9)
 """Focal lengths over the width of the image from which the search begins."""
 USUAL_FOCAL = (0.8, 0.35)
-"""Focal length over the width, and deviation of its logarithm: surveillance cameras see 40° to 110°."""
+"""Prior focal length over the width, and standard deviation of its logarithm: surveillance cameras see 40° to 110°."""
 USUAL_HEIGHT = (3.5, 0.8)
-"""m, and deviation of its logarithm."""
+"""Prior height, m, and standard deviation of its logarithm."""
 ROLL_SIGMA = np.radians(4.0)
 PITCHES = np.radians(np.arange(-9.0, 70.0, 4.0))
 DEPTH = 0.4
@@ -33,11 +33,11 @@ EDGE = (0.045, 3.0)
 SPACING, MOST = 0.4, 600
 """s between two boxes of a tracklet, and most boxes, that are used."""
 AS_LIKELY, UNSURE, MOST_OTHERS = 12.0, 0.1, 4
-"""Focal lengths that are tried in other steps, too: difference of the logarithm of the density, least distance in logarithms, and most of them."""
+"""Alternative focal lengths for later steps: largest loss of log density, least difference of logarithms from the best, and their largest number."""
 INDEPENDENT = 150
-"""More boxes than so many count as these: errors of a detector are alike in boxes that are alike."""
+"""Largest effective number of boxes, because errors of a detector are correlated in similar boxes."""
 STEP = 0.05
-"""Of the logarithm of a stature, for the derivative of the upper edge."""
+"""Step of the logarithm of a stature, for the derivative of the upper edge."""
 BEYOND = 4.0
 """Residual of a box that would stand above the horizon."""
 LEAST_BOXES = 40
@@ -45,9 +45,9 @@ LEAST_BOXES = 40
 
 @dataclass(frozen=True, eq=False)
 class SingleView:
-    """What a camera says by itself. row (11,): parameters as in body.NAMES. others: nearly as likely ones with other focal lengths.
+    """The estimate from one view. row (11,): parameters as in body.NAMES. others: nearly as likely ones with other focal lengths.
 
-    With each of these stands by how much the logarithm of its density is less than that of `row`.
+    Each of the others has its loss of log density against `row`.
     """
 
     row: Array
@@ -55,7 +55,7 @@ class SingleView:
 
     @property
     def tried(self) -> tuple[tuple[Array, float], ...]:
-        """`row`, and the others."""
+        """`row` and the others, each with its loss of log density."""
         return (self.row, 0.0), *self.others
 
 
@@ -70,14 +70,14 @@ class _Sample:
 
 
 def thinned(table: LinkedBoxes, spacing: float) -> Ints:
-    """Rows of the whole boxes, of each tracklet one within each `spacing` s."""
+    """Rows of the boxes of whole bodies, one per tracklet and interval of `spacing` s."""
     rows = np.flatnonzero(table.whole)
     key = table.track[rows] * (1 + int(table.time.max(initial=0.0) / spacing)) + (table.time[rows] / spacing).astype(np.int64)
     return np.sort(rows[np.unique(key, return_index=True)[1]])
 
 
 def single_view(camera: Camera, table: LinkedBoxes, known_focal: bool, height: float | None = None) -> SingleView | None:
-    """The camera with the greatest posterior density; None with fewer than LEAST_BOXES boxes, or without a horizon above them.
+    """The parameters of greatest posterior density; None with fewer than LEAST_BOXES boxes, or without a horizon above them.
 
     height: m above the ground, where it is known.
     """
@@ -109,7 +109,7 @@ class _Found:
 
 
 def _profile(sample: _Sample, fixed: bool, height: float | None) -> list[_Found]:
-    """The likeliest parameters for each of some focal lengths, from short to long. Each is tried from those of its neighbours, too."""
+    """The likeliest parameters for each of some focal lengths, from short to long. The results of neighbouring focal lengths are starts, too."""
     out: list[_Found] = []
     for focal in _log_first(sample.camera, fixed):
         starts = [*_starts(sample, float(focal)), *(_zoomed(found.row, float(focal)) for found in out[-1:])]
@@ -122,7 +122,7 @@ def _profile(sample: _Sample, fixed: bool, height: float | None) -> list[_Found]
 
 
 def _zoomed(row: Array, focal: float) -> Array:
-    """Parameters with another focal length, and the pitch under which the horizon stays where it is in the image."""
+    """Parameters with another focal length, and the pitch that keeps the horizon at its place in the image."""
     out = row.copy()
     out[FOCAL], out[PITCH] = focal, np.arctan(np.tan(row[PITCH]) * np.exp(row[FOCAL] - focal))
     return out
@@ -151,7 +151,7 @@ def _starts(sample: _Sample, focal: float) -> list[Array]:
     costs = []
     for pitch in PITCHES:
         row = _row(focal, float(pitch), 0.0, np.log(USUAL_HEIGHT[0]))
-        # The height of the camera scales all statures, but for what DEPTH changes.
+        # The height of the camera scales all statures, but for the effect of DEPTH.
         for _ in range(2):
             top, rise, valid = _tops(sample, row)
             if valid.mean() < 0.7:
@@ -169,7 +169,7 @@ def _starts(sample: _Sample, focal: float) -> list[Array]:
 def _tops(sample: _Sample, row: Array) -> tuple[Array, Array, Mask]:
     """Upper edge (n,) px of a person of mean stature on the feet of each box, and its derivative (n,) px by the logarithm of the stature.
 
-    The third is whether these are below the horizon.
+    The third (n,) is whether the feet are below the horizon and the edge has a pixel.
     """
     camera, t = lens_of(sample.camera, row), sample.table
     R, high = rotation_of(float(row[PITCH]), float(row[ROLL])), float(np.exp(row[HEIGHT]))
@@ -187,7 +187,7 @@ def _tops(sample: _Sample, row: Array) -> tuple[Array, Array, Mask]:
 
 
 def _refined(sample: _Sample, start: Array, fixed: bool, height: float | None) -> _Found:
-    """Maximum of the posterior from a start, whose focal length stays where it is `fixed`."""
+    """Maximum of the posterior from a start, whose focal length is kept if `fixed`."""
     people, n = int(sample.person.max()) + 1, len(sample.person)
     share = min(1.0, np.sqrt(INDEPENDENT / n))
     usual = np.log(USUAL_FOCAL[0] * sample.camera.width / sample.camera.fx) if isinstance(sample.camera, LensCamera) else 0.0
@@ -203,7 +203,7 @@ def _refined(sample: _Sample, start: Array, fixed: bool, height: float | None) -
         top, rise, valid = _tops(sample, row)
         log = (top - sample.table.top) / rise
         weight = np.where(valid & (np.abs(log) < 0.4), (rise / sample.error) ** 2, 1e-6)
-        # The stature of each person is the posterior mean, of the boxes and of what people are like.
+        # The stature of each person is the posterior mean, from the boxes and the prior of statures.
         sums = np.add.reduceat(np.column_stack([weight * log, weight])[order], ends)
         mean = sums[:, 0] / (sums[:, 1] + (STATURE / SPREAD) ** 2)
         own = np.where(valid, (log - mean[sample.person]) * rise / sample.error, BEYOND)

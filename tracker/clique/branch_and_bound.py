@@ -20,7 +20,7 @@ from tracker.geometry.compilation import njit
 
 Words = NDArray[np.uint64]
 LARGEST = 2000
-"""Vertices of a graph, at most; the memory of the branches grows with their square."""
+"""Greatest number of vertices of a graph; the memory of the branches grows with its square."""
 _DEBRUIJN = np.uint64(0x03F79D71B4CB0A89)
 _ZEROS = np.zeros(64, dtype=np.int64)
 for _k in range(64):
@@ -52,7 +52,7 @@ def exact(graph: Graph, seconds: float = 60.0) -> Found:
 
 
 def _initial_state(graph: Graph) -> tuple[tuple[Any, ...], NDArray[np.int64]]:
-    """The state before the first branch, and the vertices by descending weight, in which order a class is as heavy as its first vertex.
+    """The state before the first branch, and the vertices by descending weight: the first of a class is then its heaviest.
 
     weight, adjacent; by depth: branch (vertices to try), bound (of each), left (their number); chosen (the clique); best; numbers (depth,
     branches); heaviest (weight of best); free: by depth the vertices that can be added.
@@ -88,7 +88,7 @@ def _first(word: np.uint64) -> int:
 
 @njit(cache=True)
 def _colour(weight: Array, adjacent: Words, free: Words, branch: NDArray[np.int64], bound: Array) -> int:
-    """Colour the free vertices greedily: into `branch` class by class, into `bound` the sum of the classes up to that of each; their number."""
+    """Colour free vertices greedily: write them to `branch` by class, and to `bound` the weight of the classes so far; return their number."""
     words = len(free)
     rest = free.copy()
     count, total = 0, 0.0
@@ -113,7 +113,7 @@ def _colour(weight: Array, adjacent: Words, free: Words, branch: NDArray[np.int6
 
 @njit(cache=True)
 def _branch(state: Any, cap: int) -> bool:
-    """Search for `cap` more branches; whether the search is complete."""
+    """Explore at most `cap` more branches; return whether the search is complete."""
     weight, adjacent, branch, bound, left, chosen, best, numbers, heaviest, free = state
     depth, stop = numbers[0], numbers[1] + cap
     here = 0.0

@@ -16,7 +16,7 @@ from tracker.geometry import Array, Ints, Mask
 from tracker.geometry.compilation import njit
 
 ROOT_STEPS, NODE_STEPS = 300, 60
-"""Steps of the multipliers before the first branch, and at each further one."""
+"""Steps of the multipliers before the first branch, and at each branch."""
 
 STALL = 5
 """Steps without a lower bound after which the step length is reduced."""
@@ -25,7 +25,7 @@ FIX = 10
 """Steps between two runs of variable fixing and of the rounding heuristic."""
 
 DEEPEST = 200
-"""Depth of the branches, at most."""
+"""Greatest depth of the branches."""
 
 LONGER, SHORTER = 1.2, 0.6
 """Factors of the step factor: where the bound still falls along the step, and after STALL steps without a lower bound."""
@@ -55,7 +55,7 @@ class SetPacking(NamedTuple):
 
 
 class BoundState(NamedTuple):
-    """What a minimization changes.
+    """Arrays that a minimization changes.
 
     best (n,), best_weight (1,): the heaviest clique so far; reduced (n,): weights less multipliers; primal (n,): the primal estimate.
     top, second, pick (groups,): the two largest reduced weights of a group, and the vertex of the first. step (classes,): the direction;
@@ -148,7 +148,7 @@ def _slope(p: Any, w: Any) -> float:
 
 @njit(cache=True)
 def minimize_bound(p: Any, w: Any, free: Mask, y: Array, steps: int) -> bool:
-    """Minimize the bound by some steps of y, which is changed, and fix variables; whether the best clique is proved."""
+    """Minimize the bound by at most `steps` steps of y, in place, and fix variables; return whether the best clique is proved optimal."""
     lowest, factor, stalled = _bound(p, w, free, y), 1.0, 0
     w.least_y[:] = y
     _update_primal(p, w, 1.0 if w.primal.sum() == 0 or steps == ROOT_STEPS else 0.2)
@@ -211,7 +211,7 @@ def _branching_vertex(p: Any, w: Any, free: Mask) -> int:
 
 @njit(cache=True)
 def branch(p: Any, w: Any, root: Mask, multipliers: Array, branches: int) -> bool:
-    """Depth-first branch and bound from the vertices that are free at the root, a vertex in or out; whether the search is complete."""
+    """Depth-first branch and bound over the vertices that are free at the root, each taken in or out; return whether it is complete."""
     n, classes = len(p.weight), len(p.first) - 1
     deepest = min(n, DEEPEST) + 1
     free, y, vertex = np.ones((deepest, n), np.bool_), np.zeros((deepest, classes)), np.full(deepest, -1)

@@ -1,7 +1,7 @@
 """Maximum-weight cliques by breakout local search, for any weighted graph.
 
 Benlic & Hao (2013), Breakout local search for maximum clique problems, Computers & Operations Research 40(1). Steepest ascent leads to a local
-optimum; then follows a perturbation whose strength and kind depend on the history of the search. A graph is stored as its complement, the pairs
+optimum. The strength and kind of the perturbation that follows depend on the history of the search. A graph is stored as its complement, the pairs
 of vertices that exclude each other, which are few for trackers and for hard instances.
 """
 
@@ -21,7 +21,7 @@ CHUNK = 20_000
 """Moves between two checks of the time."""
 L0, L_MAX, P0, ALPHA_R, ALPHA_S, PHI = 0.01, 0.1, 0.75, 0.8, 0.8, 7.0
 """Names are those of Benlic & Hao. L0 and L_MAX: strengths as shares of the vertices. P0: least probability of a directed perturbation. ALPHA_R
-and ALPHA_S: random and strongest perturbations. PHI: moves for which a dropped vertex is tabu."""
+and ALPHA_S: least share of the weight after a random or strongest perturbation. PHI: least moves for which a dropped vertex is tabu."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,7 @@ class Found:
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """When a search ends: after so many moves or seconds, or at a clique of at least the target weight; None is no limit.
+    """When a search ends: after this many moves or seconds, or at a clique of at least the target weight; None is no limit.
 
     A search with a limit of moves gives the same result on every machine; one with a limit of seconds does not.
     """

@@ -260,7 +260,7 @@ def _keep(s: Any) -> None:
 
 @_inlined
 def _at_local_optimum(s: Any, T: float, low: float, high: float) -> bool:
-    """At a local optimum: update the best clique and the strength of the next perturbation; whether the search stagnates."""
+    """At a local optimum: update the best clique and the strength of the next perturbation; return whether the search stagnates."""
     _keep(s)
     if s.totals[WEIGHT] > s.totals[BEST] * (1 + 1e-12):
         s.totals[BEST] = s.totals[WEIGHT]
@@ -282,7 +282,7 @@ def _at_local_optimum(s: Any, T: float, low: float, high: float) -> bool:
 
 @njit(cache=True)
 def run(s: Any, numbers: tuple[float, ...], cap: int, target: float) -> None:
-    """Search until `cap` moves in all or the target weight; numbers: T, L0, Lmax, P0, α_r, α_s, φ, strengths in vertices."""
+    """Search until `cap` moves in all or the target weight; numbers: T, L0, Lmax, P0, α_r, α_s, φ; L0 and Lmax in vertices."""
     T, low, high, least_directed, alpha_r, alpha_s, phi = numbers
     while True:
         _ascend(s, phi, cap)

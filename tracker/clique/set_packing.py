@@ -23,7 +23,7 @@ from tracker.clique.local_search import Graph, Limits, Options, search
 from tracker.geometry import Ints
 
 ROUNDS = 5
-"""Times that the bound is minimized before the first branch; classes are added in between."""
+"""Greatest number of minimizations of the bound before the first branch; classes are added in between."""
 
 SHRUNK = 0.7
 """Share of the vertices below which the remaining graph is solved from the start."""
@@ -31,8 +31,8 @@ SHRUNK = 0.7
 
 @dataclass(frozen=True)
 class Effort:
-    """Bounds on the effort: moves and seed of a local search before the multipliers (0: none); branches, and nodes of HiGHS, of each component
-    (0: neither)."""
+    """Bounds on the effort. moves, seed: of a local search before the multipliers; 0 moves skip it. branches: of each component, and nodes of
+    HiGHS; 0 skips both."""
 
     moves: int = 2000
     seed: int = 0
@@ -95,7 +95,7 @@ def _component(graph: Graph, known: Ints, effort: Effort) -> tuple[Ints, bool]:
 
 
 def _solve_by_milp(graph: Graph, nodes: int) -> tuple[Ints, bool]:
-    """The clique that HiGHS finds by integer programming in so many nodes, empty where it finds none, and whether it is proved to be optimal."""
+    """The clique that HiGHS finds by integer programming in `nodes` nodes, empty where it finds none, and whether it is proved to be optimal."""
     first, member = conflict_classes(graph.start, graph.conflict)
     classes = csr_array((np.ones(len(member)), member, first), shape=(len(first) - 1, len(graph)))
     options = {"mip_rel_gap": 0.0, "node_limit": nodes}

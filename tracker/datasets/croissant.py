@@ -26,6 +26,7 @@ from tracker.sequence.schema import (
     JOINTS,
     KEYPOINTS,
     ODOMETRY,
+    PLACE_FILE,
     ROBOT_DETECTIONS,
     ROBOTS,
     STAMPS,
@@ -190,7 +191,7 @@ def croissant_of(folder: Path) -> dict[str, Any]:
         "conformsTo": CONFORMS,
         "citeAs": CITE,
         "creator": {"@type": "sc:Organization", "name": "pilsim"},
-        "license": LICENSE,
+        "license": "other" if (sequences(folder)[0] / PLACE_FILE).is_file() else LICENSE,
         "url": "README.md",
         "version": "1.0.0",
         "distribution": distribution,
@@ -199,7 +200,7 @@ def croissant_of(folder: Path) -> dict[str, Any]:
 
 
 def tables_of(folder: Path) -> dict[str, tuple[str, Mapping[str, type], str]]:
-    """TABLES with that of people, whose columns depend on the cameras."""
+    """TABLES and the table of people, whose columns depend on the cameras."""
     calibration = read_json(sequences(folder)[0] / "calibration.json")
     return TABLES | {"people": ("truth/people.csv", people_columns_of(sequences(folder)[0], calibration["cameras"]), PEOPLE)}
 

@@ -23,7 +23,7 @@ TABLES = ("boxes", "keypoints", "people", "robots", "cameras", "detections", "od
 """Tables of croissant.json that are configurations on the hub; those that no sequence has are left out."""
 
 BODY = """
-People walk through the world `{world}` ({people} a sequence), robots with panoramic cameras drive among them ({robots}), and fixed pinhole cameras
+People walk through the world `{world}` ({people} a sequence), robots with {carried} drive among them ({robots}), and fixed pinhole cameras
 look on ({fixed}). Synthetic: people, places and images were made by pilsim, and the truth is exact.
 
 * Sequences: {sequences}, with {frames} frames in all at {rate:g} frames/s and {images} images. Each is a folder of its own: {names}.
@@ -60,12 +60,15 @@ def card_of(folder: Path) -> str:
     scenario = dataset.scenario
     calibrations = [read_json(path / "calibration.json") for path in paths]
     images = [sum(name.startswith("images/") for name in found) for found in files.checksums.values()]
-    fixed = [camera["model"] != "panorama" for camera in calibrations[-1]["cameras"].values()]
+    cameras = calibrations[-1]["cameras"]
+    # The robot of a fixed camera has the name of the camera.
+    carried = [camera for name, camera in cameras.items() if camera["robot"] != name]
     body = BODY.format(
         people=scenario.get("people", "Several"),
         world=scenario.get("world", "a world"),
-        robots=len(fixed) - sum(fixed),
-        fixed=sum(fixed),
+        robots=len({camera["robot"] for camera in carried}),
+        carried="panoramic cameras" if all(camera["model"] == "panorama" for camera in carried) else "cameras",
+        fixed=len(cameras) - len(carried),
         sequences=len(paths),
         frames=sum(count // max(1, len(one["cameras"])) for count, one in zip(images, calibrations, strict=True)),
         rate=round(1 / calibrations[-1].get("period", 1.0), 6),
@@ -82,7 +85,7 @@ def card_of(folder: Path) -> str:
 
 
 def _source(sequence: Path) -> list[str]:
-    """Lines about the file that the place was made of, where it is no world of pilsim."""
+    """Lines about the file from which the place was made; none for a world of pilsim."""
     if not (sequence / PLACE_FILE).is_file():
         return []
     place = tomllib.loads((sequence / PLACE_FILE).read_text(encoding="utf-8"))
@@ -91,7 +94,7 @@ def _source(sequence: Path) -> list[str]:
 
 
 def _front(title: str, images: int, tables: dict[str, list[str]], foreign: bool) -> list[str]:
-    """Lines of YAML. Strings are quoted as in JSON, which is valid YAML. foreign: whether the place is of a file with a licence of its own."""
+    """Lines of YAML. Strings are quoted as in JSON, which is valid YAML. foreign: whether the place was made from a file with its own licence."""
     licence = "other" if foreign else LICENSE
     lines = [f"pretty_name: {json.dumps(title)}", f"license: {licence}", "annotations_creators:", "- machine-generated", "task_categories:"]
     lines += [f"- {task}" for task in TASKS]

@@ -25,7 +25,7 @@ from tracker.sequence.reader import read_contents
 from tracker.types import Sequence
 
 PICTURE = "twin.png"
-"""A picture that the synthetic twin of PETS 2009 has beside the files of its manifest."""
+"""A picture of the synthetic twin of PETS 2009, which its manifest does not name."""
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +56,11 @@ class _Tables:
     truth: tuple[Truth, ...]
     views: dict[tuple[int, str], ViewTruth]
     joints: dict[int, tuple[Ints, Array]]
+
+    @cached_property
+    def columns(self) -> dict[str, int]:
+        """Camera → its column of the visible fractions."""
+        return {name: k for k, name in enumerate(dict.fromkeys(camera for _, camera in self.views))}
 
 
 def inconsistencies(folder: Path, sequence: Sequence, files: Collection[str], progress: Progress | None = None) -> Iterator[Finding]:
@@ -152,9 +158,8 @@ def _view(folder: Path, tables: _Tables, key: tuple[int, str], camera: Camera, i
         return
     if not np.isin(view.keypoints.visibility, (0, 1, 2)).all():
         yield folder / "truth" / "keypoints.csv", f"{where} has a visibility that is none of 0, 1, 2"
-    column = list(dict.fromkeys(camera for _, camera in tables.views)).index(name)
     row = {person: i for i, person in enumerate(tables.truth[k].person_id.tolist())}
-    of_people = np.array([tables.truth[k].visible[row[p], column] for p in boxes.person.tolist()])
+    of_people = np.array([tables.truth[k].visible[row[p], tables.columns[name]] for p in boxes.person.tolist()])
     if not np.allclose(of_people, boxes.visible, atol=1e-8):
         yield folder / "truth" / "people.csv", f"{where} has other visible fractions than boxes.csv"
     yield from _projected(folder, tables, key, camera)
@@ -240,7 +245,7 @@ def _imu(folder: Path, robots: list[str], seconds: float, entry: Mapping[str, fl
 
 
 def _noise(path: Path, robot: str, found: ImuSamples, entry: Mapping[str, float]) -> Iterator[Finding]:
-    """Samples less their truth and biases must be noise of the part."""
+    """Samples minus their truth and biases must be within the noise of the sensor."""
     for name, measured, true, bias in (
         ("gyro", found.gyro, found.true_gyro, found.gyro_bias),
         ("force", found.force, found.true_force, found.force_bias),

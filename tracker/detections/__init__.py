@@ -1,4 +1,4 @@
-"""Detections of a view made ready for tracking: ground points, occlusion, cross-view groups, silhouettes, optical flow and appearance.
+"""Detections of a view prepared for tracking: ground points, occlusion, cross-view groups, silhouettes, optical flow and appearance.
 
 Read `ground_points.py` first.
 """

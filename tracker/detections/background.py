@@ -131,7 +131,7 @@ def _adapt(now: Floats, scene: tuple[Floats, Floats, Mask, Ages, Ages], seen: tu
                 continue
             else:
                 rate = rates[0] if not differs[i, j] else rates[1] if since_box[i, j] <= limits[4] else rates[2]
-                # A single change of colour tells little about the noise.
+                # A single change of colour is little evidence about the noise.
                 new = (1 - rate) * variance[i, j] + rate * min(apart, 2 * limits[1])
                 variance[i, j] = min(max(new, limits[0]), limits[1])
             for c in range(3):

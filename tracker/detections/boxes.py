@@ -1,4 +1,4 @@
-"""Conversion of pixel boxes to detections, which are angles, and approximately back."""
+"""Conversions between pixel boxes and detections, which are angles."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from tracker.types import Detections
 EDGE_PIXELS = 2.0
 """px, constant part of the standard deviation of a box's edge."""
 EDGE_SHARE = 0.02
-"""The part of it that grows with the box: a share of its height."""
+"""Part of that standard deviation that grows with the box, as a share of its height."""
 DISTORTION_SHARE = 1.0
 """Standard deviation of a barrel distortion (κ1 < 0) as a share of its own size: such calibrations are poor (View_007 of PETS 2009, left)."""
 HIDDEN_FEET = 0.12
-"""Share of the height of a box from which on a visible part that ends above it has no feet."""
+"""Share of the height of a box: a visible part that ends more than this above the lower edge has no feet."""
 LEAST_SHARE = 0.3
-"""Share of a body of which less is seen: the feet of most such bodies are hidden."""
+"""Least visible share of a body whose feet count as seen: below it, most feet are hidden."""
 ITERATIONS = 60
 """Fixed-point iterations for the width of a detection; each reduces the error to a few per cent."""
 
@@ -64,14 +64,14 @@ def feet_seen(boxes: Array, visible: Array) -> Mask:
 
 
 def _turned(camera: Camera, turn: Array) -> Array:
-    """Angles (n,) rad from a left to a right azimuth in (−2π, 2π); across the seam of an image that wraps they are negative without a full turn."""
+    """Angles (n,) rad between left and right edges, from differences in (−2π, 2π): negative ones across the seam get a full turn added."""
     return np.where(turn < 0, turn + 2 * np.pi, turn) if camera.wraps else turn
 
 
 def approximate_pixel_boxes(camera: Camera, detections: Detections) -> tuple[Array, Array]:
     """Middle (n, 2) px and size (n, 2) px of boxes; the middle is NaN for a box that is not in front of the camera.
 
-    The slant of a box near the edge of a wide image is neglected; tracker/formats/exported_sequence.py has the exact and slower conversion.
+    The slant of a box near the edge of a wide image is neglected; `boxes_of_detections` is the exact and slower conversion.
     """
     azimuth, elevation = angles_from_bearing(detections.bearing)
     half = detections.extent / 2

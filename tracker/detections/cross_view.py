@@ -27,9 +27,9 @@ class CrossViewGroup:
 def group_across_views(
     views: list[GroundDetections], free: list[Mask], height: tuple[float, float], parameters: FusionParameters
 ) -> list[CrossViewGroup]:
-    """Group the boxes that are `free` (n,) in each view, at most one of a view, by the Mahalanobis distance of their ground points.
+    """Group the boxes that are `free` (n,) in each view, at most one per view, by the Mahalanobis distance of their ground points.
 
-    The greedy order is that of the variances. Each point starts a group and takes from each other view the nearest point within the gate.
+    Points are taken in ascending order of variance. Each point starts a group and takes from each other view the nearest point within the gate.
     The point of a group is the covariance-weighted mean. Boxes whose feet are probably hidden, or whose height (m) is out of bounds, are left out.
     """
     fit = [np.flatnonzero(free[v] & may_initiate(f) & (f.height >= height[0]) & (f.height <= height[1])) for v, f in enumerate(views)]
@@ -51,14 +51,14 @@ MAX_FEET_HIDDEN = 0.3
 """Boxes whose feet are hidden with a higher probability initiate no track."""
 
 OCCLUDABLE_SIGMA = 0.5
-"""m, standard deviation of a place above which no box with anything before it initiates a track."""
+"""m, standard deviation of a place above which a box whose feet may be occluded initiates no track."""
 
 AMBIGUOUS_SIGMA, AMBIGUOUS_SIGMA_KNOWN = 4.0, 10.0
 """m, standard deviation of a place up to which ambiguous boxes initiate tracks; in a known world, far boxes with feet in sight are ambiguous, too."""
 
 
 def may_initiate(feet: GroundDetections) -> Mask:
-    """Which boxes (n,) may initiate a track: where the place is uncertain, a box that ends above the feet misplaces them by metres."""
+    """Which boxes (n,) may initiate a track: where the place is uncertain, a box that ends above the feet misplaces the person by metres."""
     variance = np.trace(feet.spread, axis1=1, axis2=2)
     usual = np.where(variance <= OCCLUDABLE_SIGMA**2, feet.feet_hidden <= MAX_FEET_HIDDEN, ~feet.occludable)
     sigma = AMBIGUOUS_SIGMA_KNOWN if feet.known else AMBIGUOUS_SIGMA
@@ -69,7 +69,7 @@ def may_initiate(feet: GroundDetections) -> Mask:
 def _group(view: NDArray[np.int64], point: Array, spread: Array, gate: float) -> tuple[NDArray[np.int64], Array, Array]:
     """Group (n,) of each point, and mean (g, 2) m and covariance (g, 2, 2) m² of each group.
 
-    view (n,), point (n, 2) m, spread (n, 2, 2) m²: the points by growing variance.
+    view (n,), point (n, 2) m, spread (n, 2, 2) m²: the points by ascending variance.
     """
     n, views = len(view), view.max() + 1
     group, mean, covariance, groups = np.full(n, -1), np.empty((n, 2)), np.empty((n, 2, 2)), 0

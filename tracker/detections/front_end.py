@@ -1,4 +1,4 @@
-"""Front end: the views of a tick turned into ground detections, with what their images tell beside the boxes.
+"""Front end: it converts the views of a tick to ground detections, with the evidence of their images.
 
 A fixed camera with images has a second detector, its silhouettes (silhouettes.py). Their boxes form a view of their own from the same place, so that
 the tracker learns how good each detector is. The name of that view is the camera's name with SILHOUETTES after it.
@@ -55,7 +55,7 @@ class FrontEnd:
     """The front end of all cameras of a setup. The attribute `setup` is the given one with the views of silhouettes added."""
 
     def __init__(self, setup: Setup, fusion: FusionParameters, images: ImageParameters, threads: ThreadPoolExecutor | None = None) -> None:
-        """threads: work on the views of a tick side by side, each with a state of its own."""
+        """threads: they process the views of a tick in parallel; each view has its own state."""
         fixed = {name: mount for name, mount in setup.mounts.items() if images.silhouettes and setup.is_fixed(mount.robot)}
         self.setup = replace(setup, mounts=setup.mounts | {name + SILHOUETTES: mount for name, mount in fixed.items()})
         self.fusion, self.images = fusion, images
@@ -88,7 +88,7 @@ class FrontEnd:
         given = view.detections.appearance
         if given.shape[1]:
             length = np.linalg.norm(given, axis=1, keepdims=True)
-            # A vector of zeros says nothing.
+            # A vector of zeros is an unknown appearance.
             return replace(feet, appearance=np.where(length > 0, given / np.where(length > 0, length, 1.0), np.nan), appearance_given=True)
         if not self.images.appearance or view.image is None:
             return feet

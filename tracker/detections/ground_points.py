@@ -1,8 +1,8 @@
 """Projection of detections to the ground: ground points of feet, their covariances, and whether the feet may be hidden.
 
-The lower edge of a box is at the feet only if the feet are visible. A nearer box over the lower edge, the edge of the image, or a detector that
-says so makes it likelier that they are not. Where terrain and objects are known, range_likelihood.py says at which distances the box could be of a
-person. A box that leaves several distances is ambiguous.
+The lower edge of a box is at the feet only if the feet are visible. They are likely hidden where a nearer box or the image's edge covers the lower
+edge, or where the detector says so. Where terrain and objects are known, range_likelihood.py gives the likelihood of each
+distance of the person. A box is ambiguous where several distances are possible.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ EDGE = np.linspace(-0.9, 0.9, 9)
 """Sample points of a box's lower edge, from its middle, in half widths."""
 
 BELOW, COVERED = 0.012, 0.3
-"""rad below the lower edge of a box within which a nearer box may hide the feet. It does where such boxes cover this share of the edge."""
+"""rad below the lower edge of a box down to which a nearer box may hide the feet. It does where such boxes cover this share of the edge."""
 
 FEET_HIDDEN = np.array([0.03, 0.6, 0.6])
 """Probability that a box ends above the feet: free, behind people, at the image's edge."""
 
 FEET_HIDDEN_KNOWN = np.array([0.05, 0.15])
-"""The same in a known world, beside what the world explains: free, behind people."""
+"""The same in a known world, for causes other than known objects: free, behind people."""
 
 AMBIGUOUS_FEET, AMBIGUOUS_RANGE = 0.01, 1.5
-"""Probability of hidden feet, or ratio of range errors, from which a box is ambiguous."""
+"""Probability of hidden feet, or ratio of range errors, above which a box is ambiguous."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,8 @@ class FusionParameters:
     """Assumptions on boxes and feet, and thresholds of cross-view association."""
 
     foot_spread: float = 0.25  # m, standard deviation of the lowest point of a walking body from the ground under its middle
-    ahead: float = 0.03  # m, distance of the nearest point of the soles, where a box ends, before the ground under the body
-    reach: float = 60.0  # m, greatest distance of a ground point, where no fixed camera is farther from a place of the area
+    ahead: float = 0.03  # m, from the nearest point of the soles, where a box ends, to the point under the body
+    reach: float = 60.0  # m, greatest distance of a ground point; `over` raises it where the area is farther from a fixed camera
     stature: float = 1.72  # m, mean of people
     stature_sigma: float = 0.12  # m, standard deviation of people
     gate: float = 3.5  # standard deviations between two ground points of one person
@@ -48,7 +48,7 @@ class FusionParameters:
         return Statures(self.stature, self.stature_sigma)
 
     def over(self, setup: Setup) -> FusionParameters:
-        """These parameters with a reach that has the whole area in it, from each fixed camera."""
+        """These parameters with a reach that covers the whole area, horizontally, from each fixed camera."""
         if setup.area is None:
             return self
         farthest = np.abs(setup.fixed_places[:, None] - setup.area).max(axis=1)
@@ -61,10 +61,10 @@ class GroundDetections:
 
     origin (3,) m and direction (n, 3): line of sight to the feet; covariance (n, 2, 2) rad² in its tangent plane, the robot's pose included.
     point (n, 3) m and spread (n, 2, 2) m²: where it meets the ground, and the covariance there. height (n,) m: of a box standing there.
-    head_elevation (n,) rad: elevation of the upper edge. grounded (n,): there is a point, and it is near enough. confidence (n,).
+    head_elevation (n,) rad: elevation of the upper edge. grounded (n,): there is a point within the reach. confidence (n,).
     occludable (n,): something may occlude the feet; cut (n,): the lower edge is at the image's edge.
-    feet_hidden (n,): probability that such a box ends above the feet.
-    ambiguous (n,): `ranges` leaves more than one distance (None where no box is); point and spread then cover all of them, and height
+    feet_hidden (n,): probability that the box ends above the feet.
+    ambiguous (n,): `ranges` (None where no box is ambiguous) allows several distances; point and spread then cover all of them, and height
     is the mean stature.
     known: whether terrain and objects are known, so that upper edges measure statures.
     later: s by which the view is later than its tick.
@@ -137,7 +137,7 @@ def project_to_ground(setup: Setup, camera: str, detections: Detections, pose: t
     edges = BoxEdges(azimuth, detections.extent[:, 0] / 2, low, high, covariance[:, 1, 1], feet_hidden, no_border)
     if setup.occluders is None:
         return _with_hidden_feet(feet, setup, edges, covered | cut, parameters)
-    # What a detector says of the feet holds whatever the map explains.
+    # Feet that the detector reports as hidden are hidden whatever the map shows.
     told = np.zeros(len(feet), dtype=bool) if detections.feet_seen is None else ~detections.feet_seen
     edges = edges._replace(feet_hidden=np.where(told, FEET_HIDDEN[1], FEET_HIDDEN_KNOWN[covered + 0]), border=np.where(cut, low, no_border))
     ranges = infer_ranges((setup.ground, setup.occluders), origin, edges, parameters.ahead, parameters.statures)
@@ -145,7 +145,7 @@ def project_to_ground(setup: Setup, camera: str, detections: Detections, pose: t
 
 
 def _with_hidden_feet(feet: GroundDetections, setup: Setup, edges: BoxEdges, rows: Mask, parameters: FusionParameters) -> GroundDetections:
-    """The detections with those in `rows` (n,) ambiguous: the edges that are visible, and usual statures, tell the distance."""
+    """The detections with those in `rows` (n,) ambiguous: their distance follows from the visible edges and usual statures."""
     if not rows.any():
         return feet
     some = BoxEdges._make(column[rows] for column in edges)
@@ -230,7 +230,7 @@ def _ground_covariance(foot: Array, rays: Array, covariance: Array) -> Array:
 
 
 def _nearer_boxes(low: Array, azimuth: Array, detections: Detections) -> tuple[Mask, Mask]:
-    """Which boxes (n,) have a nearer box, which ends lower, close to the lower edge, and of which that edge is mostly covered by such boxes."""
+    """Which boxes (n,) have a nearer box, which ends lower, close to their lower edge; and whose lower edge such boxes cover by COVERED or more."""
     half, high = detections.extent[:, 0] / 2, low + detections.extent[:, 1]
     apart = wrap(azimuth[:, None] - azimuth[None, :])
     nearer = (low[None, :] < low[:, None] - 1e-3) & (high[None, :] > low[:, None] - BELOW)

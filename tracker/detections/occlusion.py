@@ -45,13 +45,13 @@ DETECTED_BEHIND_PERSON = 0.6
 """Relative detection rate of a person behind another one where occluders are known (ruins, 10 people, seeds 20 to 35)."""
 
 RAY_MARGIN = 0.3
-"""m, an obstacle nearer than this before a point does not occlude it: places and maps have errors."""
+"""m, an obstacle less than this in front of a point does not occlude it: places and maps have errors."""
 
 SURE_MARGIN, NEAR = 0.5, 2.0
-"""m. What is nearer than the highest point of a body by more than SURE_MARGIN hides the lower points, too, where all are farther than NEAR."""
+"""m. An obstacle that is nearer than the highest point by over SURE_MARGIN hides the lower points, too, where all are farther than NEAR."""
 
 RelativeDetection = Callable[[str, Array], Array]
-"""Detection rate (n,) of the view of a name for people covered by shares (n, 2) by objects and by people, relative to people in full view."""
+"""Name of a view, shares (n, 2) covered by objects and by people → detection rate (n,), relative to people in full view."""
 
 
 class Viewpoint(NamedTuple):
@@ -80,7 +80,7 @@ class Bodies:
         return np.asarray(occluded_share(view.pose.translation, self.feet, self.tree, self.front, self.setup.pillars))
 
     def expected_detection(self, view: Viewpoint, reach: float, rows: Ints | None = None) -> Array:
-        """Detection rate (r,) of bodies in a view, relative to people in full view; nobody is detected, and no occluder known, beyond `reach` m.
+        """Detection rate (r,) of bodies in a view, relative to people in full view; nobody is detected beyond `reach` m.
 
         rows (r,): of the bodies, by default all.
         """
@@ -131,7 +131,7 @@ class Bodies:
         return inside if mount is None or mount.own_body is None else inside & ~mount.sees_itself(bearings)
 
     def _behind_people(self, origin: Array) -> Mask:
-        """Which bodies (n,) have another's body before them, seen from `origin` (3,) m."""
+        """Which bodies (n,) have another person's body in front of them, seen from `origin` (3,) m."""
         chest = self.points[:, 1] - origin
         distance = np.maximum(np.linalg.norm(chest, axis=1), 1e-6)
         azimuth = np.arctan2(chest[:, 1], chest[:, 0])
@@ -142,11 +142,11 @@ def _hidden(occluders: Ground, origin: Array, direction: Array, distance: Array,
     """Which points (n, 3) of bodies are hidden, those of a body from the lowest up; direction (n, 3, 3) and distance (n, 3) m are of their rays.
 
     A ray to a higher point is above that to a lower one all the way. Therefore all points are visible where the lowest is, and all are hidden where
-    the highest is. This needs other rays for about half of the bodies only.
+    the highest is. So other rays are cast for about half of the bodies only.
     """
 
     def blocked(rows: Ints, point: int) -> Array:
-        """By how much an occluder is nearer than the points (r,) of bodies, m; −inf where there is none before them."""
+        """By how much an occluder is nearer than the points (r,) of bodies, m; −inf where there is none in front."""
         way = distance[rows, point]
         stop, stopped = occluders.intersect(np.broadcast_to(origin, (len(rows), 3)), direction[rows, point], reach, until=way)
         return np.where(stopped, way - np.linalg.norm(stop - origin, axis=1), -np.inf)
@@ -165,7 +165,7 @@ def _hidden(occluders: Ground, origin: Array, direction: Array, distance: Array,
 
 @njit(cache=True)
 def _behind(azimuth: Array, distance: Array, tree: Ints, front: Ints, half: Array) -> Mask:
-    """Which bodies (n,) have one of the rows `front` (m,), of another tree, before them, less than its `half` width (m,) rad apart."""
+    """Which bodies (n,) have one of the rows `front` (m,), of another tree, in front of them, less than its `half` width (m,) rad apart."""
     out = np.zeros(len(azimuth), np.bool_)
     for i in range(len(azimuth)):
         for k in range(len(front)):
@@ -219,7 +219,7 @@ def _rectangle(origin: Array, x: float, y: float, half: float, low: float, high:
 
 @njit(cache=True)
 def _mark_hidden(rectangle: Array, body: Array, hidden: Mask) -> bool:
-    """Mark the sample points of `body` that `rectangle` covers, in place; whether it may cover any."""
+    """Mark the sample points of `body` that `rectangle` covers, in place; returns whether it may cover any."""
     apart = rectangle[1] - body[1]
     apart -= 2 * math.pi * math.floor(apart / (2 * math.pi) + 0.5)
     if rectangle[0] > body[0] - DEPTH_MARGIN or abs(apart) >= body[2] + rectangle[2]:

@@ -30,15 +30,15 @@ PAD = 1 / 8
 
 @dataclass(frozen=True)
 class TrackletParameters:
-    """Named as in the paper where it has a name for it; pixels are those of the image at half its size."""
+    """Names are those of Yoo et al. 2017 where it has them; pixels are those of the image at half its size."""
 
     l_c: int = 4  # frames that corners are tracked back
     delta_min: float = 0.05  # px, a corner that moves less is static
-    omega: float = 0.3  # of a box's width, difference within which the steps of two corners agree
-    max_corners: int = 100  # of a box
-    min_corners: int = 4  # of a box, and of those that agree
-    inner_width: float = 0.7  # of a box's width, about its middle, where corners are detected
-    sigma: float = 0.25  # of a box's width, standard deviation of the middle of the right box from its prediction
+    omega: float = 0.3  # share of a box's width: two corners agree if their steps differ by less
+    max_corners: int = 100  # greatest number of corners of a box
+    min_corners: int = 4  # least number of corners of a box, and of those that agree
+    inner_width: float = 0.7  # share of a box's width, about its middle, where corners are detected
+    sigma: float = 0.25  # share of a box's width: standard deviation of the middle of the right box from its prediction
     outlier_share: float = 0.05  # share of boxes whose corners follow something else
 
     def __post_init__(self) -> None:
@@ -92,10 +92,10 @@ class KltTracklets:
         self._past: deque[Frame] = deque(maxlen=self.parameters.l_c)
 
     def step(self, image: Image | None, detections: Detections) -> tuple[Array, ...]:
-        """Take a frame; its links to each of the last frames, the latest first.
+        """Process a frame. Returns its links to each of the last frames, the latest first.
 
         A link (m, n) holds log-likelihood ratios of box i of the old frame and box j of this one: one person over two people within a box's width. It
-        is 0 where the images tell nothing. A frame without an image clears the state.
+        is 0 where the images are no evidence. A frame without an image clears the state.
         """
         if image is None:
             self._past.clear()
@@ -158,7 +158,7 @@ class KltTracklets:
 
 
 class TrackOwners:
-    """The tracks to which the boxes of each camera's last frames are assigned, by which links of boxes become links of tracks."""
+    """The tracks that own the boxes of each camera's last frames. They turn links of boxes into links of tracks."""
 
     def __init__(self) -> None:
         self._trees: dict[str, deque[Ints]] = {}
@@ -166,7 +166,7 @@ class TrackOwners:
     def links(self, camera: str, tree: Ints, links: tuple[Array, ...], missed: float) -> Array:
         """Log-likelihood ratios (t, d) of the boxes for tracks of ids `tree` (t,): the link of each track's last box in the camera, 0 without one.
 
-        missed: probability that a box's corners belong to a person before it without a box; the images then tell nothing.
+        missed: probability that a box's corners belong to an undetected person in front of it; the link is then no evidence.
         """
         out = np.zeros((len(tree), links[0].shape[1] if links else 0))
         linked = np.zeros(len(tree), dtype=bool)

@@ -1,8 +1,8 @@
 """Likelihood of the distance of a person from a box, on ground and among objects that are known.
 
-At a given distance a person is visible from the head down to the feet, or down to the top of an occluder before them. So a box supports each distance
-at which its lower edge is one of the two and at which its height is a usual stature. One such place is where its lower edge meets the ground. Others
-are just behind the wall, the ridge or the brow of a hill at which it may end. `infer_ranges` gives the likelihood of each distance.
+At a given distance a person is visible from the head down to the feet, or down to the top of an occluder in front. So a box supports each distance
+at which its lower edge is at either of these, and its height is a usual stature. One such place is where the lower edge meets the ground. Others are
+just behind a wall, a ridge or the brow of a hill at which the box may end. `infer_ranges` gives the likelihood of each distance.
 mht/range_update.py combines it with a predicted distance and stature: of two people in equal boxes the taller one is farther away.
 
 Densities over distance are sums over fixed grid points (point-mass filter: Bucy & Senne 1971), so that they may have several modes.
@@ -24,7 +24,7 @@ NEAREST, FARTHEST, COUNT = 1.0, 60.0, 272
 """The grid of distances: first, last (m) and their number; the spacing is geometric."""
 
 REFINEMENT = 3
-"""Points a grid point at which occluders are sampled, so that thin walls are not missed."""
+"""Samples of occluders per grid point, so that thin walls are not missed."""
 
 MIN_SIGMA = 1e-3
 """m, least standard deviation of a distance."""
@@ -33,7 +33,7 @@ LEG_COLUMNS = np.array([-0.5, 0.0, 0.5])
 """Columns of a box, in half widths, at which legs may be visible beside an occluder."""
 
 MARGIN = 0.3
-"""m, an object nearer than this before a person hides nothing: places and maps have errors."""
+"""m, an object less than this in front of a person hides nothing: places and maps have errors."""
 
 
 HEAD_SIGMA = 0.03
@@ -46,10 +46,10 @@ FOOT_SIGMA = 0.15
 """m, standard deviation of the lowest point of a walking body from the ground under its middle."""
 
 MAX_OCCLUSION = 1.4
-"""m over the feet, greatest height of an occluder before a person who is detected."""
+"""m over the feet, greatest height of an occluder in front of a person who is detected."""
 
 ABSENT_SHARE = 0.4
-"""Probability that an object of the map hides nothing, where there is a box: of arches and open doors the map knows only the top."""
+"""Probability that an object of the map hides nothing, where there is a box: a map of tops does not show arches and open doors."""
 
 TOP_SIGMA = 0.06
 """m, standard deviation of tops in the map."""
@@ -65,7 +65,7 @@ class Statures(NamedTuple):
 class BoxEdges(NamedTuple):
     """The edges of n boxes: azimuth and half_width, elevation of lower and upper edge (n,) rad; variance (n,) rad² of an elevation.
 
-    feet_hidden (n,): probability that such a box ends above what is visible of the body, for reasons that no map shows.
+    feet_hidden (n,): probability that a box ends above the lowest visible point of the body, for reasons that no map shows.
     border (n,) rad: elevation of the edge of the image, where the box ends there, −π/2 elsewhere.
     """
 
@@ -82,7 +82,7 @@ class BoxEdges(NamedTuple):
 class RangeLikelihood:
     """Likelihoods of n boxes on a grid of k horizontal distances.
 
-    distance (k,) m and step (k,) m: the grid points, and the length for which each stands. edge (n, k): density of each box's lower edge, a radian;
+    distance (k,) m and step (k,) m: the grid points, and the length for which each stands. edge (n, k): density of each box's lower edge, per radian;
     height (n, k) m: height of the box there, error (n, k) m: its standard deviation.
     mean, sigma (n,) m: of the distance by the box alone; feet_hidden (n,): probability; possible (n,): whether any distance is.
     """
@@ -161,14 +161,14 @@ def infer_ranges(world: tuple[Ground, Ground], origin: Array, edges: BoxEdges, a
 
 
 def _edge_density(profiles: list[Array], grid: tuple[Array, Array, Array], edges: BoxEdges, ahead: float) -> tuple[Array, Array]:
-    """Density (n, k) of the boxes' lower edges at each distance, a radian, and the part of it with hidden feet.
+    """Density (n, k) of the boxes' lower edges at each distance, per radian, and the part of it with hidden feet.
 
     profiles: heights (n, columns, fine) m of the ground and of tops over the eye; grid: the distances, their steps, and the fine distances, m.
     """
     distance, step, fine = grid
     level, sigma = profiles[0][:, len(LEG_COLUMNS) // 2, ::REFINEMENT], np.sqrt(edges.variance)[:, None]
     feet, body = np.arctan(level / (distance - ahead)), np.arctan(MAX_OCCLUSION / distance)
-    # While walking the lowest point of a body is the ground's a little before or behind it.
+    # The lowest point of a walking body is on the ground a little in front of or behind it.
     stray = FOOT_SIGMA * np.abs(np.gradient(feet, axis=1) / step)
     rough = np.hypot(sigma, TOP_SIGMA / distance)
     total, covered = np.zeros(level.shape), np.zeros(level.shape)
@@ -197,7 +197,7 @@ def _height_likelihood(above: Array, variance: Array, height: Array, statures: S
 
 
 def _steepest(slope: Array, distance: Array) -> Array:
-    """Greatest slope (..., k) of a line of sight to anything before each distance (k,) m, by more than MARGIN."""
+    """Greatest slope (..., k) of a line of sight to anything nearer than each distance (k,) m by more than MARGIN."""
     highest = np.maximum.accumulate(slope, axis=-1)
     last = np.searchsorted(distance, distance - MARGIN) - 1
     return np.where(last >= 0, highest[..., np.maximum(last, 0)], -np.inf)

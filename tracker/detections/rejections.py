@@ -1,4 +1,4 @@
-"""Why boxes initiate no track: each box is counted once, by the first gate that stops it, and the counts are explained in one line.
+"""Why boxes initiate no track: each box is counted once, by the first gate that stops it, and one line explains the counts.
 
 The gates are those of the tracker of people: projection to the ground, then height and visible feet (cross_view.py), then the area.
 """
@@ -27,7 +27,7 @@ FEW = 0.1
 
 
 def count_rejections(views: Iterable[GroundDetections], setup: Setup) -> dict[str, int]:
-    """The number of boxes, and of those that each gate stops: name → count. The last name, USABLE, is of the boxes that no gate stops."""
+    """The number of boxes, and of those that each gate stops: name → count. The last name, USABLE, counts the boxes that no gate stops."""
     counts = dict.fromkeys((BOXES, NO_GROUND, TOO_LOW, TOO_HIGH, HIDDEN_FEET, OUTSIDE, USABLE), 0)
     low, high = setup.height
     for feet in views:
@@ -47,7 +47,7 @@ def count_rejections(views: Iterable[GroundDetections], setup: Setup) -> dict[st
 
 
 def explain_few_people(counters: Mapping[str, int], places: int, setup: Setup, fusion: FusionParameters) -> str:
-    """One line on why there are no people or few; empty where there are enough, and for counters without boxes.
+    """One line on why there are no or few people; empty where there are enough, and for counters without the name BOXES.
 
     counters: as of count_rejections. places: number of reported places, over all frames.
     """

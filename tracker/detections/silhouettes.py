@@ -1,7 +1,7 @@
 """Person detector by silhouettes, for fixed cameras: it needs no training and complements the boxes of another detector.
 
 The foreground of background.py is explained by upright bodies on the ground. The place whose body explains most is taken, then the next one of the
-rest, and so on. At last each body is chosen once more given the others. A body is three rectangles. Pixels under a pillar are no evidence
+rest, and so on. Finally each body is chosen once more, given the others. A body is three rectangles. Pixels under a pillar are no evidence
 against a person behind it, and pixels that a body explains count once. The likelihood of a set of people is that of Fleuret et al. 2008
 (Multicamera people tracking with a probabilistic occupancy map), maximized greedily.
 """
@@ -47,7 +47,7 @@ class SilhouetteParameters:
     steps: tuple[int, int] = (2, 1)  # px between candidate places, along rows and columns
     stature: float = 1.8  # m, mean of people as boxes show them, before any are measured
     stature_weight: float = 30.0  # number of measurements for which that mean counts
-    min_confidence: float = 0.6  # of boxes that are taken for people
+    min_confidence: float = 0.6  # least confidence of boxes whose pixels count as those of people
     background: BackgroundParameters = field(default_factory=BackgroundParameters)
 
 

@@ -1,4 +1,4 @@
-"""True bodies in a view: the whole box of each, the part that nothing hides, and what misses of a detector depend on."""
+"""True bodies in a view: the whole box of each, its visible part, and the features on which misses of a detector depend."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ SILHOUETTE = 0.7
 NEARER = 0.15
 """m by which a body must be nearer to hide another one."""
 LEAST_IN_IMAGE = 0.25
-"""Bodies of which a smaller share lies in the image are no subject of a detector."""
+"""Bodies of which a smaller share lies in the image are left out."""
 MATCH = 0.3
 """Least IoU of a box with the true box, or with its visible part, of the person whom it shows."""
 LEAST_VISIBLE = 0.02
-"""A smaller visible share is none: such bodies say nothing of the features."""
+"""A smaller visible share counts as none: misses of such bodies are not fitted to the features."""
 OVERLAPS = (0.3, 0.5, 0.7)
 """Lower ends of the bins of overlap, the intersection of two true boxes over the smaller one, in which merges are counted."""
 FEATURES = ("constant", "hidden", "mostly hidden", "size", "cut")
-"""What the probability of a miss depends on: see `features`."""
+"""Features on which the probability of a miss depends: see `features_of`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ def features_of(visible: Array, size: Array, cut: Array, sizes: tuple[float, flo
 
 
 class Place(NamedTuple):
-    """Where a camera is: T_world_camera, and the height of the ground below it, m."""
+    """The pose T_world_camera of a camera, and the height of the ground below it, m."""
 
     pose: Pose
     ground: float

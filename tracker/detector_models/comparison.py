@@ -37,7 +37,7 @@ def autocorrelation(value: Array, samples: Samples) -> float:
 
 
 def counts(samples: Samples) -> Array:
-    """Number of boxes (n,) of each view and frame with people or false boxes."""
+    """Number of boxes (n,), false ones included, of each view and frame with true people."""
     people, false = samples.people, samples.false
     found = people.detected.astype(int) + people.seconds
     most = 1 + int(max(people.frame.max(initial=0), false.frame.max(initial=0)))
@@ -66,7 +66,7 @@ def distances(real: Samples, simulated: Samples, filled: tuple[float, float]) ->
 
 
 def _ks(first: Array, second: Array) -> float:
-    # This takes half a second, which other commands need not wait for.
+    # This import takes half a second, which other commands need not spend.
     from scipy.stats import ks_2samp
 
     first, second = first[np.isfinite(first)], second[np.isfinite(second)]

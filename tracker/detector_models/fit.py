@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from itertools import pairwise
 from typing import Any
 
@@ -32,14 +32,14 @@ from tracker.geometry import Array, Ints, Mask
 LEAST_BODIES, LEAST_PEOPLE, LEAST_FOUND = 200, 2, 100
 """Fewest true bodies, true people, and boxes of them, of a fit."""
 LEAST_GROUP = 50
-"""Fewest boxes of clear bodies, and of others, for errors of their own."""
+"""Fewest boxes of clear bodies, and of others, for separate distributions of errors."""
 REPLICATES = 100
 BLOCK = 5.0
 """s: blocks of time of the bootstrap of false boxes."""
 INFORMATIVE = 0.05
-"""Body heights by which an edge must be moved inward to tell whether a detector fills in what is hidden."""
+"""Least shift of an edge inward, in body heights, to estimate how far a detector extends boxes over hidden parts."""
 PRIOR = 1.0
-"""Ridge of the logistic regression, as so many squared coefficients."""
+"""Strength of the ridge penalty of the logistic regression."""
 
 
 def fit(samples: Samples, name: str, bodies: str, made: Mapping[str, Any], replicates: int = REPLICATES, view_alone: bool = False) -> DetectorModel:
@@ -64,12 +64,14 @@ def fit(samples: Samples, name: str, bodies: str, made: Mapping[str, Any], repli
         weight = np.bincount(rng.integers(0, len(persons), len(persons)), minlength=len(persons)).astype(float)
         frame_weight = np.bincount(rng.integers(0, blocks[1], blocks[1]), minlength=blocks[1]).astype(float)
         weights = weight[of_person], frame_weight[blocks[0]]
+        if not (np.isfinite(people.confidence) & (weights[0] > 0)).any():
+            continue  # Only people without boxes of their own are drawn.
         drawn.append(figures(_parts(samples, *weights), samples, *weights))
     best = figures(parts, samples, *plain)
     found_figures = {}
     for key, value in best.items():
-        if np.isfinite(value):
-            low, high = _interval([one[key] for one in drawn])
+        if np.isfinite(value) and len(values := _finite(one[key] for one in drawn)):
+            low, high = np.percentile(values, [2.5, 97.5]).tolist()
             wider = _few(len(persons))
             found_figures[key] = (value, value - wider * max(value - low, 0.0), value + wider * max(high - value, 0.0))
     found_figures |= _exact(parts, samples)
@@ -85,7 +87,7 @@ def fit(samples: Samples, name: str, bodies: str, made: Mapping[str, Any], repli
 def _exact(parts: Mapping[str, Any], samples: Samples) -> dict[str, tuple[float, float, float]]:
     """Figures whose intervals a bootstrap cannot give: the number of places, and shares that are 0 or 1 in the samples."""
     people, false = samples.people, samples.false
-    # Garwood's interval of a count, scaled as the presence of the places scales it.
+    # Garwood's interval of the count, scaled to the mean number of places per view.
     sites, known = len(np.unique(false.site[false.site >= 0])), parts["standing"].sites
     scale = known / sites if sites else 1.0 / max(1, len(false.frames))
     low, high = gammaincinv(sites, 0.025) if sites else 0.0, gammaincinv(sites + 1, 0.975)
@@ -101,7 +103,7 @@ def _exact(parts: Mapping[str, Any], samples: Samples) -> dict[str, tuple[float,
 
 
 def _rounded(key: str, value: float, low: float, high: float) -> tuple[float, float, float]:
-    """A figure and its interval, within the bounds of what the figure is."""
+    """A figure and its interval, clipped to the range of such a figure."""
     signed = key.endswith(".mean") or ".coefficients." in key
     share = key.startswith(("misses.", "merges.", "edges.hidden", "edges.border")) or key.endswith((".lasting", ".median"))
     least, most = -np.inf if signed else 0.0, 1.0 if share and not signed and not key.endswith("_s") else np.inf
@@ -109,16 +111,12 @@ def _rounded(key: str, value: float, low: float, high: float) -> tuple[float, fl
 
 
 def _few(people: int) -> float:
-    """How much wider than a bootstrap's an interval of few people is: Student's t over the normal quantile."""
+    """Factor on the bootstrap's interval for few people: Student's t over the normal quantile, times √(n / (n − 1))."""
     return float(stdtrit(people - 1, 0.975) / ndtri(0.975) * np.sqrt(people / (people - 1)))
 
 
-def _interval(values: list[float]) -> tuple[float, float]:
-    found = np.array([value for value in values if np.isfinite(value)])
-    if not len(found):
-        return 0.0, 0.0
-    low, high = np.percentile(found, [2.5, 97.5])
-    return float(low), float(high)
+def _finite(values: Iterable[float]) -> list[float]:
+    return [value for value in values if np.isfinite(value)]
 
 
 def _blocks(false: FalseSamples, period: float) -> tuple[Ints, int]:
@@ -173,7 +171,7 @@ def terms_of(error: Array) -> Array:
 
 
 def _share_filled(moved: Array, inward: Array, weight: Array) -> float:
-    """By which share of an inward distance boxes extend over it: the weighted median of 1 − moved / inward, within [0, 1]."""
+    """Share of the inward distance over which boxes extend: the weighted median of 1 − moved / inward, within [0, 1]."""
     used = (inward > INFORMATIVE) & np.isfinite(moved) & (weight > 0)
     if used.sum() < 20:
         return 1.0 if inward.size == 0 else 0.5
@@ -182,6 +180,8 @@ def _share_filled(moved: Array, inward: Array, weight: Array) -> float:
 
 
 def _weighted_quantiles(value: Array, weight: Array, at: Array) -> Array:
+    if not len(value):
+        return np.zeros(len(at))  # Errors of an edge that no box shows are taken to be 0.
     order = np.argsort(value)
     rank = np.cumsum(weight[order]) - weight[order] / 2
     return np.asarray(np.interp(at * weight.sum(), rank, value[order]))
@@ -193,7 +193,7 @@ def _edges(samples: Samples, weight: Array, view_alone: bool) -> EdgeErrors:
     border = _share_filled(people.moved, people.border_in, tiled * (people.border_in > INFORMATIVE))
     inside = (people.border_in <= 1e-6) & (people.hidden_in > INFORMATIVE)
     hidden = _share_filled(people.moved, people.hidden_in, tiled * inside)
-    # Edges that something hides say how a detector fills in, and nothing of its errors.
+    # Hidden edges show how far a detector extends boxes, and not its errors.
     error = terms_of(np.where(people.hidden_in > INFORMATIVE, np.nan, edge_errors(people, hidden, border)))
     place = people.place, people.size, people.visible
     trend, bounds = fit_trend(place, error, folds_of(people.person, people.frame)) if view_alone else ((), ())
@@ -221,7 +221,7 @@ def _edges(samples: Samples, weight: Array, view_alone: bool) -> EdgeErrors:
 
 
 def _knots(value: Array, weight: Array, digits: int) -> Row:
-    """Quantiles (KNOTS,) of values. The first and the last knot are those of rare values, which one outlier must not set."""
+    """Quantiles (KNOTS,) of values. The first and the last one are the 0.5 % and 99.5 % quantiles, so that no single outlier sets them."""
     grid = np.clip(np.linspace(0.0, 1.0, KNOTS), 0.005, 0.995)
     return tuple(np.round(_weighted_quantiles(value, weight, grid), digits).tolist())
 
@@ -244,7 +244,7 @@ def _correlation(scores: Array, weight: Array) -> Table:
         return tuple(tuple(row) for row in np.eye(4).tolist())
     matrix = np.cov(scores[whole].T, aweights=weight[whole])
     scale = np.sqrt(np.diag(matrix))
-    matrix = np.round(matrix / np.outer(scale, scale), 4)
+    matrix = np.round(matrix / np.maximum(np.outer(scale, scale), 1e-12), 4)  # Boxes that equal the true ones have no errors.
     np.fill_diagonal(matrix, 1.0)
     return tuple(tuple(row) for row in matrix.tolist())
 
@@ -291,7 +291,7 @@ def _new(false: FalseSamples, weight: Array) -> FalseBoxes:
 
 
 def _standing(samples: Samples) -> StandingBoxes:
-    """Standing false boxes: a place counts for the share of the time from its first box to its last."""
+    """Standing false boxes: a place counts with the share of the frames from its first box to its last."""
     false, rows, spans, pairs, deviation = samples.false, list[list[float]](), 0.0, [0.0, 0.0], list[Array]()
     for site in np.unique(false.site[false.site >= 0]).tolist():
         mine = false.site == site
@@ -327,6 +327,9 @@ def figures(parts: Mapping[str, Any], samples: Samples, weight: Array, box_weigh
     error = edge_errors(people, e.hidden, e.border)
     for k, edge in enumerate(EDGES):
         rows = np.isfinite(error[:, k]) & (weight > 0)
+        if not rows.any():
+            out |= dict.fromkeys((f"edges.{edge}.{name}" for name in ("mean", "deviation", "lasting", "time_s")), np.nan)
+            continue
         mean = float(np.average(error[rows, k], weights=weight[rows]))
         out[f"edges.{edge}.mean"] = mean
         out[f"edges.{edge}.deviation"] = float(np.sqrt(np.average((error[rows, k] - mean) ** 2, weights=weight[rows])))
@@ -344,7 +347,7 @@ def figures(parts: Mapping[str, Any], samples: Samples, weight: Array, box_weigh
 
 
 def miss_groups(people: PeopleSamples) -> dict[str, dict[str, Mask]]:
-    """Groups of true bodies of which misses are stated: by visible share, height over image height, place in the image, and border."""
+    """Groups of true bodies with separate shares of misses: by visible share, height over image height, place in the image, and border."""
     size, (u, v) = 2.0**people.size, people.place.T
     ends, middle = (0.0, 0.25, 0.5, 0.75, 1.0), np.percentile(size, [0, 33, 67, 100])
     visible = {f"{a:.2f}-{b:.2f}": (people.visible >= a) & (people.visible < b) for a, b in pairwise(ends)}

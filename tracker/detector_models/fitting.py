@@ -66,7 +66,7 @@ def open_source(path: Path, options: SourceOptions) -> Source:
 
 
 def places_note(model: DetectorModel) -> str:
-    """What true boxes are where truth has places only."""
+    """A sentence on true boxes for a model whose truth has places only."""
     text = "Truth has places only: true boxes are projected bodies of 1.75 x 0.5 m."
     if all("truth_errors" in source for source in model.made["sources"]):
         return f"{text} Views agree on other places and statures; errors are those from these."
@@ -74,13 +74,13 @@ def places_note(model: DetectorModel) -> str:
 
 
 def agreed_source(source: Source) -> Source:
-    """The source with the people that all views see, where these are known: annotations are off, which is no error of the detector."""
+    """The source with the places and statures on which all views agree, if known: errors of annotations are not the detector's."""
     truth, errors = agreed(source.recording, source.truth)
     return source if errors is None else replace(source, truth=truth, description=source.description | {"truth_errors": errors.to_dict()})
 
 
 def fit_sources(sources: Sequence[Source], name: str) -> Fit:
-    """Fit a model to sources together, and compare it. Raises ValueError where there is too little truth, or where sources do not go together."""
+    """Fit a model to sources together, and compare it. Raises ValueError for too little truth, and for different kinds of truth or rates."""
     kinds = {source.truth.kind for source in sources}
     if len(kinds) > 1:
         raise ValueError("one source has true boxes and one has true places alone, needs sources of one kind")
@@ -117,8 +117,8 @@ def unseen(samples: Samples) -> float:
 def at_its_places(model: DetectorModel, samples: Samples) -> DetectorModel:
     """The model with the standing false boxes of the first view of the samples at their places in the image.
 
-    A place that had a box within SITE_TIME of the last frame goes on. Places end and begin as often as they did, and begin where one was.
-    A stationary process has births × (time of the fit + life) places in the fit, with those that stood at its start.
+    A place with a box within SITE_TIME of the last frame still exists at the end. Places end and begin at the rates of the fit, where one was.
+    A stationary process has births × (duration of the fit + life) places during the fit, with those from its start.
     """
     false = samples.false
     mine = false.view == 0

@@ -1,6 +1,6 @@
-"""The detector model with independent errors: boxes of visible parts with misses and noise, and false boxes. Seeded by the stream that it is given.
+"""The detector model with independent errors: boxes of visible parts with misses and noise, and false boxes. Seeded by its random stream.
 
-It reports the box of the visible part of a body, as a detector on images does: above hidden feet, the box ends.
+It reports the box of the visible part of a body, as a detector on images does: the box ends above hidden feet.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ CONFIDENCE, LEAST_CONFIDENCE = (0.9, 0.08), 0.5
 """Mean and standard deviation of the confidences of people, and the lowest one."""
 FALSE_CONFIDENCE = (0.3, 1.0)
 """Lowest and highest confidence of false boxes."""
-# A false box is that of a person of this height at this distance, metres.
+# Heights and distances of the persons that false boxes would show, metres.
 CLUTTER_HEIGHT = (1.5, 2.0)
 CLUTTER_DISTANCE = (2.0, 8.0)
-# In images that are no panoramas, its lower edge shows the ground within this range, metres, and this is its aspect ratio.
+# Images other than panoramas: range of the ground at the lower edge of a false box, metres, and width of the box over its height.
 CLUTTER_REACH = 60.0
 CLUTTER_WIDTH = 0.35
 
@@ -45,7 +45,7 @@ class IndependentErrors:
         check_numbers(self)
 
     def detect(self, camera: Camera, view: ViewTruth, rng: np.random.Generator) -> Detections:
-        """Detections in one view, without identity and in random order. The draws for one person do not depend on whether another one was missed."""
+        """Detections in one view, without identity and in random order. The draws for one person do not depend on misses of other people."""
         found, noise, scores = self.draw(view.boxes.visible, view.boxes.seen, rng)
         if isinstance(camera, PanoramicCamera):
             edges = np.concatenate([(_edge_angles(camera, view.boxes.seen) + noise)[found], self._clutter(rng, view)])

@@ -22,11 +22,11 @@ KNOTS = 21
 """Quantiles of a distribution, at equal steps of probability from 0 to 1."""
 EDGES = ("left", "top", "right", "bottom")
 TERMS = ("middle", "top", "width", "bottom")
-"""Errors of the edges left and right are those of their middle and of the width, which are nearly independent of each other."""
+"""Errors of the left and right edges are modelled by those of middle and width, which are nearly independent of each other."""
 CLEAR = 0.75
-"""Visible share from which on a body counts as clear: boxes of bodies that are hidden more have larger errors."""
+"""Visible share from which a body counts as clear. Boxes of more hidden bodies have larger errors."""
 INDEPENDENT = "independent"
-"""The name of the model with independent errors, whose numbers are those of the scenario: it has no file."""
+"""The name of the model with independent errors. Its numbers are those of the scenario, so it has no file."""
 FITTED = "fitted"
 """The kind of the models that are fitted to a detector; files without a kind are of this one."""
 
@@ -35,7 +35,7 @@ FITTED = "fitted"
 class Misses:
     """Misses: a hidden Markov chain for each person and view.
 
-    unseen: probability that a body of which nothing is visible is missed, where its model differs from the features'; 1 for always.
+    unseen: probability that a body of which nothing is visible is missed, in place of that by the features; 1 for always.
 
     The hidden state u is uniform in [0, 1]. In a frame it stays with probability exp(−dt / time_s), otherwise it is drawn anew. The detector is blind
     to the person where u < q(x). Otherwise it misses with probability `flicker`, without memory. The share of misses is p(x) = q + (1 − q) flicker,
@@ -56,9 +56,9 @@ class EdgeErrors:
     They are in heights of the whole body; right and down are positive. quantiles (2, 4, KNOTS): of each term, for bodies of which at least CLEAR is
     visible, and for others. Normal scores of errors are sqrt(lasting) B + sqrt(1 − lasting) A.
     B is constant for a person and view, A is an AR(1) process of time constant time_s. correlation (4, 4): of both, between terms.
-    hidden, border: by which share of its distance a box extends over the part that is hidden, and over the part beyond the border.
+    hidden, border: share of the hidden part, and of the part beyond the border, over which a box extends.
     trend (4, 7): of one view alone, coefficients of the terms by trends.TREND, and trend_bounds (2, 7) of these features; () for none.
-    near: body heights up to which boxes beside a body are its own (observations.match_frame); 0 for boxes that overlap alone.
+    near: largest distance, in body heights, of a body's box without overlap (observations.match_frame); 0 for none.
     """
 
     quantiles: Annotated[tuple[Table, ...], Numbers((2, 4, KNOTS), rising=True)]
@@ -74,7 +74,7 @@ class EdgeErrors:
 
 @dataclass(frozen=True)
 class Confidences:
-    """Confidences of boxes of people: quantiles (KNOTS,), of which normal scores depend on the features by `coefficients`; `spread` of the rest.
+    """Confidences of boxes of people: quantiles (KNOTS,). Normal scores are features · coefficients plus a residual with deviation `spread`.
 
     lasting, time_s as in EdgeErrors.
     """
@@ -88,7 +88,7 @@ class Confidences:
 
 @dataclass(frozen=True)
 class Merges:
-    """Merged boxes: probability, by bins of overlap from OVERLAPS on, that one box stands for two people; time_s of its persistence."""
+    """Merged boxes: probability, by bins of overlap with lower ends OVERLAPS, that one box shows two people; time_s of its persistence."""
 
     probability: Annotated[Row, Numbers((len(OVERLAPS),), 0.0, 1.0)]
     time_s: Time
@@ -100,8 +100,8 @@ class SecondBoxes:
 
     samples (n, 8): errors of the four edges in heights of the body; confidence, visible share, and 1 where there was no first box.
     The last column is 1 where the next row is the same box step_s later. Errors are from the first box, or from the whole body where there is none.
-    While a box lasts, it takes the rows of a run, to and fro; with step_s 0 it keeps its sample.
-    coefficients (6,): of the features and of the lack of a first box. Their logistic function is the probability of any; () for rates[0].
+    While a box lasts, it takes the rows of a run, forward and backward; with step_s 0 it keeps its sample.
+    coefficients (6,): of the features and of the lack of a first box. Their logistic function is the probability of at least one; () for rates[0].
     """
 
     rates: Annotated[Row, Numbers((0,), 0.0, 1.0)]
@@ -113,7 +113,7 @@ class SecondBoxes:
 
 @dataclass(frozen=True)
 class FalseBoxes:
-    """False boxes that come anew: mean number a view and frame. samples (n, 4): distance, height and width in m on the ground, and confidence."""
+    """New false boxes: mean number per view and frame. samples (n, 4): distance, height and width in m on the ground, and confidence."""
 
     rate: Count
     samples: Annotated[Table, Numbers((0, 4))]
@@ -121,12 +121,12 @@ class FalseBoxes:
 
 @dataclass(frozen=True)
 class StandingBoxes:
-    """False boxes that stay at one place of the world, each in one view alone: mean number of places a view.
+    """False boxes that stay at one place of the world, each in one view alone. sites: mean number of places per view.
 
     samples (n, 6): distance, height and width in m, share of frames with the box, lowest and highest confidence (10 and 90 %).
     time_s: of the persistence of presence and absence. jitter: standard deviation of an edge, in heights of the box.
     fixed (n, 8): of one view that stands still, in place of `samples`. Columns are the edges px, share of frames with the box, lowest and highest
-    confidence, and 1 where it stood at the end of the fit. Such places end after life_s in the mean, and `births` of them come a second.
+    confidence, and 1 where it stood at the end of the fit. Such places end after life_s in the mean, and `births` new ones appear per second.
     """
 
     sites: Count
@@ -143,8 +143,8 @@ class DetectorModel:
     """The error model of a detector.
 
     bodies: "boxes" where errors refer to true boxes, "places" where they refer to projected bodies (bodies.BODY).
-    Several views agree on their places and statures. Of one view, the spread of stature is a part of the latter.
-    made: sources, cameras, frames. figures: name → value, and lowest and highest value (95 %). counts: what the fit had.
+    Places and statures are those on which several views agree. With one view, the spread of stature is a part of the errors.
+    made: sources, cameras, frames. figures: name → value, and lowest and highest value (95 %). counts: of samples of the fit.
     """
 
     name: str
@@ -170,6 +170,8 @@ class DetectorModel:
         matrix = np.array(self.edges.correlation)
         if not (np.allclose(matrix, matrix.T, atol=1e-6) and np.allclose(np.diag(matrix), 1.0, atol=1e-6) and np.abs(matrix).max() <= 1 + 1e-6):
             raise ValueError("edges.correlation needs a symmetric matrix with 1 on its diagonal")
+        if self.second.coefficients and not self.second.rates:
+            raise ValueError("second.rates is empty, needs rates where there are coefficients")
         for part, needed in (("second", max(self.second.rates, default=0.0)), ("false", self.false.rate), ("standing", self.standing.sites)):
             if needed and not getattr(self, part).samples:
                 raise ValueError(f"{part}.samples is empty, needs samples where there are such boxes")
@@ -263,7 +265,7 @@ def _fitted(content: dict[str, Any]) -> DetectorModel:
 
 
 def _as_eight(row: Any) -> Any:
-    """A sample of second boxes in the layout of now: of 0.3.0 with 5 columns, all from the whole bodies of all alike, or with 7, without runs."""
+    """A sample of second boxes in the present layout, from that of 0.3.0 with 5 columns (errors from whole bodies), or with 7 (without runs)."""
     columns = len(row) if isinstance(row, tuple) else 0
     return (*row, 1.0, 1.0, 0.0) if columns == 5 else (*row, 0.0) if columns == 7 else row
 

@@ -1,4 +1,4 @@
-"""What a recording says of its detector: true bodies and boxes of each view matched, and the boxes that belong to nobody."""
+"""Observations of a detector in a recording: boxes matched with true bodies in each view, second boxes and false boxes."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from tracker.geometry.image_boxes import body_outlines, box_overlaps, clipped
 from tracker.recordings import FrameBoxes, Recording, RecordingCamera
 
 INSIDE = 0.7
-"""A box that belongs to nobody is a second box of a person where so much of it lies in the person's true box."""
+"""An unmatched box is a second box of a person if at least this share of it lies in the person's true box."""
 MERGED_GAIN = 0.05
-"""A box shows two people where its IoU with the box around both is at least MERGED. It is higher by this than with each of them."""
+"""A box shows two people if its IoU with the box around both is at least MERGED. It is also higher by this than with each."""
 MERGED = 0.5
 MARGIN = 1.0
 """m: false boxes farther than this beyond the area are not judged, since truth may end there."""
 FARTHEST = 60.0
-"""m: false boxes without feet on the ground, or farther, are taken to stand here."""
+"""m: distance that is assigned to farther false boxes, and to those whose lower edges do not meet the ground."""
 NEAR = 0.5
-"""Body heights up to which boxes beside a body are its own, in a view where these are many."""
+"""Largest distance, in body heights, of a box that is matched with a body beside it, in views where such boxes are many."""
 LEAST_NEAR = 0.1
-"""Share of the bodies from which such boxes are many: calibration moves them, not chance."""
+"""Share of bodies from which such boxes are many. Errors of calibration displace them then, and not chance."""
 NEAREST_SIZE = 0.4
-"""Greatest difference of log heights of a body and a box that is its own though they hardly overlap."""
+"""Largest difference of the log heights of a body and a box that is matched with it at such a distance."""
 NOBODY = -1
 
 
@@ -39,7 +39,7 @@ NOBODY = -1
 class TruePeople:
     """The true people of a recording: frame → ids (n,) and feet (n, 3) m.
 
-    boxes: camera → frame → boxes (n, 4) px in the same order, where they are known. file: that of the truth, "" where it is one of the recording.
+    boxes: camera → frame → boxes (n, 4) px in the same order, where they are known. file: of the truth, "" where the recording holds it.
     heights: id → m, of people whose projected bodies are not of bodies.BODY.
     """
 
@@ -80,7 +80,7 @@ class ViewFrame:
 def true_people(path: Path, recording: Recording, cameras: Iterable[str] = ()) -> TruePeople:
     """The true people of a recording that was read from `path`; those of PETS 2009 with the boxes of View_001, outside the area, too.
 
-    cameras: those that will be used. True boxes are used where they are known of all of them. Raises ValueError for a recording without truth.
+    cameras: those that will be used. True boxes are used if they are known for all of them. Raises ValueError for a recording without truth.
     """
     names = list(cameras) or list(recording.detections)
     if recording.source.get("labels_as_detections"):
@@ -124,8 +124,8 @@ def matched(recording: Recording, truth: TruePeople) -> tuple[list[ViewFrame], f
 def match_frame(name: str, frame: int, bodies: TrueBodies, found: tuple[Array, Array], camera: Camera, near: float = 0.0) -> ViewFrame:
     """Match boxes (edges (d, 4) px, confidences (d,)) with bodies by the largest sum of IoU (Hungarian method).
 
-    near: then, bodies without a box are matched with boxes of nobody of like height, whose feet are at most so many body heights away.
-    Errors of a calibration move boxes of far people by more than their width.
+    near: if above 0, unmatched bodies are then matched with false boxes of similar height whose feet are at most so many body heights away.
+    This is for errors of a calibration, which displace boxes of far people by more than their width.
     """
     edges, confidence = found
     edges = edges.reshape(-1, 4)
@@ -158,10 +158,10 @@ def match_frame(name: str, frame: int, bodies: TrueBodies, found: tuple[Array, A
 
 
 def _match_near(match: Ints, taken: tuple[Ints, Ints], seen: tuple[TrueBodies, Array], near: float) -> None:
-    """Match what `match_frame` leaves over, in place. taken: owner (d,) and merged (n,)."""
+    """Match the bodies and boxes that `match_frame` leaves unmatched, in place. taken: owner (d,) and merged (n,)."""
     (owner, merged), (bodies, inside) = taken, seen
     distance = _distances(bodies, inside)
-    # A second box that may be a displaced one of somebody else says nothing of second boxes.
+    # A second box that may be another person's displaced box is no evidence of second boxes.
     for box in np.flatnonzero(owner >= 0).tolist():
         if (np.delete(distance[:, box], owner[box]) < near).any():
             owner[box] = NOBODY
@@ -190,7 +190,7 @@ def _shows_both(box: Array, first: Array, second: Array) -> bool:
 
 
 def _unwrapped(edges: Array, whole: Array, width: int) -> Array:
-    """Boxes of a panorama, turned by full turns to the nearest true box."""
+    """Boxes of a panorama, shifted by multiples of its width to the nearest true box."""
     middle, true = edges[:, [0, 2]].mean(axis=1), whole[:, [0, 2]].mean(axis=1)
     turns = np.round((true[None] - middle[:, None]) / width) * width
     apart = np.abs(middle[:, None] + turns - true[None])
@@ -201,7 +201,7 @@ def _unwrapped(edges: Array, whole: Array, width: int) -> Array:
 def ground_place(recording: Recording, camera: RecordingCamera, pose: Pose, edges: Array) -> tuple[Array, Array]:
     """Feet (n, 3) m of boxes (n, 4) px on the ground, and sizes (n, 2) m, height and width; feet at most FARTHEST away.
 
-    A box that does not reach the ground is taken to stand at FARTHEST.
+    The feet of a box whose lower edge does not meet the ground are taken to be at distance FARTHEST.
     """
     lens = camera.camera
     pixels = np.stack([edges[:, [0, 2]].mean(axis=1), edges[:, 3]], axis=1)

@@ -1,6 +1,6 @@
 """Estimators of the processes of a detector model: logistic regression, a hidden Markov chain, and an AR(1) process with a lasting part.
 
-Samples of a person in a view are a series. Pairs of its frames at several lags carry what is known of persistence
+Samples of a person in a view are a time series. Persistence is estimated from pairs of its frames at several lags
 (pairwise likelihood, Lindsay 1988).
 """
 
@@ -15,7 +15,7 @@ from scipy.special import expit
 from tracker.geometry import Array, Ints, Mask
 
 LAGS = (1, 2, 3, 5, 8, 13, 21, 34, 55)
-"""Frames between the two of a pair."""
+"""Frames from the first to the second of a pair."""
 TIMES = tuple(np.geomspace(0.05, 60.0, 40).tolist())
 """s: time constants that are tried."""
 FLICKERS = (0.0, 0.005, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.2, 0.3)
@@ -23,7 +23,7 @@ FLICKERS = (0.0, 0.005, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.2, 0.3)
 STEPS = 50
 """Most steps of the logistic regression."""
 BINS = 12
-"""Bins of probabilities of a miss, of equal numbers."""
+"""Bins of probabilities of a miss, with equal numbers of samples."""
 Pairs = Sequence[tuple[float, Ints, Ints]]
 """Lag in s, and the rows of the first and of the second sample of each pair."""
 
@@ -124,7 +124,7 @@ def lasting_and_drifting(score: Array, pairs: Pairs, weight: Array) -> tuple[flo
 def lasting_share(target: Array, weight: Array, decay: Array) -> tuple[float, float]:
     """Lasting share and time constant, s, of correlations target (n,): lasting + (1 − lasting) decay, by weighted least squares.
 
-    decay (len(TIMES), n): the correlations of what drifts, by time constant.
+    decay (len(TIMES), n): the correlations of the drifting part, by time constant.
     """
     share = weight / np.sum(weight)
     # One unknown for each time constant: γ − decay = lasting (1 − decay).

@@ -1,4 +1,4 @@
-"""Simulated boxes of one view by a detector model: pure, seeded, and the same for a person whoever else is there."""
+"""Simulated boxes of one view by a detector model. Random draws are seeded, and those of a person do not depend on who else is in the view."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ GRID = np.linspace(0.0, 1.0, KNOTS)
 TRIES = 30
 """Most places that are drawn for a false box until one lies in the image."""
 LOST = 2.0
-"""A standing false box is replaced where it is farther from the camera than so many times its first distance and as many metres."""
+"""A standing false box is replaced if its distance from the camera exceeds this factor times its first distance plus 1 m."""
 HALVINGS = 4
 """How often the errors of a box that would not match its body are halved, at most."""
 
@@ -31,7 +31,7 @@ HALVINGS = 4
 class ViewSampler:
     """The boxes of one view, frame by frame. It holds the hidden states of the people and the standing false boxes.
 
-    persons: ids of all people who may come. rng: the random stream of the view; the order of `persons` and the seed give the same bytes.
+    persons: ids of all people who may appear. rng: the random stream of the view; the order of `persons` and the seed give the same bytes.
     """
 
     def __init__(self, model: DetectorModel, camera: Camera, period: float, persons: Iterable[int], rng: np.random.Generator) -> None:
@@ -49,14 +49,14 @@ class ViewSampler:
         self._hidden = self._people.random((n, 3))
         self._example = self._people.integers(0, 1 << 30, (n, max(1, len(model.second.rates))))
         self._alike = examples_by_kind(model.second)
-        # The example that a second box has now, −1 for none, and whether it goes on forward. They need no random numbers of their own.
+        # The present example of a second box, −1 for none, and whether its run is traversed forward. They need no random numbers.
         self._now = np.full(self._example.shape, -1)
         self._forward = np.ones(self._example.shape, dtype=bool)
         self._waited = 0.0
         self._sites = Sites(model, camera, period, self._false)
 
     def step(self, bodies: TrueBodies, place: Place) -> SimulatedBoxes:
-        """The boxes of the next frame. Raises KeyError for a person who was not announced."""
+        """The boxes of the next frame. Raises KeyError for a person who is not in `persons`."""
         rows = np.array([self._row[int(person)] for person in bodies.person], dtype=np.int64)
         found, confidence, person = self._of_people(bodies, rows)
         self._advance()
@@ -71,7 +71,7 @@ class ViewSampler:
         return SimulatedBoxes(boxes[order], sures[order], everyone[order])
 
     def _advance(self) -> None:
-        """The hidden states of all people in the next frame, whether they are in the view or not."""
+        """Advance the hidden states of all people to the next frame, whether they are in the view or not."""
         n, model = len(self._row), self.model
         self._drift = self._drift * self._rho + self._people.normal(size=(n, 4)) @ self._step.T
         rho = persistence(model.confidences.time_s, self.period)
@@ -126,7 +126,7 @@ class ViewSampler:
         if errors.trend:
             middle, top, width, bottom = np.array([middle, top, width, bottom]) + self._trend(bodies)
         error = np.column_stack([middle - width / 2, top, middle + width / 2, bottom]) * bodies.height[:, None]
-        # The errors of the model are those of boxes that match.
+        # The model has the errors of matched boxes only, so larger errors are halved.
         for _ in range(HALVINGS if errors.near == 0 else 0):
             wrong = np.maximum(paired_overlaps(edges + error, bodies.whole), paired_overlaps(edges + error, bodies.seen)) < MATCH
             error[wrong] /= 2
@@ -134,7 +134,7 @@ class ViewSampler:
         return np.concatenate([np.minimum(edges[:, :2], edges[:, 2:]), np.maximum(edges[:, :2], edges[:, 2:])], axis=1)
 
     def _trend(self, bodies: TrueBodies) -> Array:
-        """What errors (4, n) of the terms are by place, size and visible share."""
+        """Mean errors (4, n) of the terms by place, size and visible share."""
         errors = self.model.edges
         features = trend_features(*bodies.placed(self.camera), bodies.visible, np.array(errors.trend_bounds))
         return np.asarray(np.array(errors.trend) @ features.T)
@@ -165,7 +165,7 @@ class ViewSampler:
         return self._in_image(np.array(out).reshape(-1, 4)), np.array(sure), np.array(of, dtype=np.int64)
 
     def _in_image(self, edges: Array) -> Array:
-        """Edges within the image, where the detector's boxes end at its border."""
+        """Edges (n, 4) px, clipped to the image if the detector's boxes end at its border."""
         return clipped(edges[:, :2], edges[:, 2:], self.camera) if self.model.edges.border < 0.5 else edges
 
 
@@ -217,7 +217,7 @@ class Sites:
         return foot is None or float(np.linalg.norm(foot[:2] - place.pose.translation[:2])) > LOST * (distance + 1.0)
 
     def _drawn_foot(self, place: Place, distance: float, body: tuple[float, float]) -> Array | None:
-        """A place (3,) m on the ground at a distance from the camera, of which the box lies in the image; None where none is found."""
+        """A place (3,) m on the ground at a distance from the camera whose box lies in the image; None if none is found."""
         eye = place.pose.translation
         feet = np.array([
             [eye[0] + distance * np.cos(azimuth), eye[1] + distance * np.sin(azimuth), place.ground]
@@ -242,7 +242,7 @@ def _mostly_inside(low: Array, high: Array, camera: Camera) -> Mask:
 
 @final
 class FixedPlaces:
-    """Standing false boxes at places of the image, where a fit found them: some stand from the start, and others come and go."""
+    """Standing false boxes at places of the image, where a fit found them: some exist from the start, and others appear and disappear."""
 
     def __init__(self, model: DetectorModel, period: float, rng: np.random.Generator) -> None:
         standing = model.standing

@@ -20,7 +20,7 @@ from tracker.recordings import Recording
 SITE_BOXES, SITE_TIME = 5, 2.0
 """Fewest boxes of a standing false box, and the least time from the first to the last, s."""
 SITE_SHARE = 0.1
-"""Least share of the frames between them in which a standing false box is there."""
+"""Least share of the frames between them in which a standing false box is present."""
 SITE_IOU = 0.5
 """Least IoU of a false box with the mean box of the place where it stands."""
 
@@ -31,9 +31,9 @@ class PeopleSamples:
 
     view, person, frame (n,). size: log2 of body height over image height. visible, cut (n,) as in TrueBodies. place (n, 2): the middle of the box
     over the size of the image. detected, merged (n,). overlap (n,): with the nearer person whose box overlaps most, 0 for none.
-    near_detected (n,): whether that person has a box. hidden_in, border_in (n, 4): by how much of a body height an edge is moved
-    inward by what hides it, and by the border.
-    moved (n, 4): the same of the box found. confidence (n,), NaN without a box. seconds (n,): number of second boxes.
+    near_detected (n,): whether that person has a box. hidden_in, border_in (n, 4): shift of an edge inward, in body
+    heights, by occlusion, and by the border.
+    moved (n, 4): shift inward of the edges of the found box. confidence (n,), NaN without a box. seconds (n,): number of second boxes.
     whole_error (n, 4): of edges from the whole body, in body heights.
     """
 
@@ -117,7 +117,7 @@ def samples_of(recording: Recording, frames: Iterable[ViewFrame], everywhere: bo
         for box in one.free.tolist():
             if one.owner[box] >= 0:
                 owner = int(one.owner[box])
-                # Two boxes of one person are moved alike by errors of the calibration.
+                # Errors of the calibration displace both boxes of a person alike, so errors are from the first box.
                 first = one.match[owner]
                 base = one.bodies.whole[owner] if first < 0 else one.edges[first]
                 error = (one.edges[box] - base) / one.bodies.height[owner]
@@ -125,9 +125,12 @@ def samples_of(recording: Recording, frames: Iterable[ViewFrame], everywhere: bo
                 seconds.append(np.array([[one.bodies.person[owner], *error, one.confidence[box], *kind, number[one.camera], one.frame]]))
             else:
                 boxes[one.camera].append((one.frame, one.edges[box], float(one.confidence[box])))
-    people = _people(rows)
+    people, first = _people(rows), min(one.frame for one in frames)
     counts = np.array([sum(one.camera == name for one in frames) for name in names], dtype=np.int64)
-    return Samples(people, _false(recording, boxes, counts, np.concatenate(seconds), everywhere), 1 / recording.rate, names)
+    false = _false(recording, boxes, counts, np.concatenate(seconds), everywhere)
+    # Frames count from the first one with truth, as false.frames is the number of those.
+    people, false = replace(people, frame=people.frame - first), replace(false, frame=false.frame - first)
+    return Samples(people, false, 1 / recording.rate, names)
 
 
 def joined(parts: Sequence[Samples]) -> Samples:
@@ -165,7 +168,7 @@ def _rows(one: ViewFrame, view: int, camera: Camera) -> tuple[Any, ...]:
     error, confidence = np.full((n, 4), np.nan), np.full(n, np.nan)
     error[detected] = (one.edges[one.match[detected]] - bodies.whole[detected]) / height[detected]
     confidence[detected] = one.confidence[one.match[detected]]
-    # The box that two people share says nothing of the edges of one of them.
+    # A merged box is no evidence of the edges of one of its people.
     error[held] = np.nan
     confidence[held] = np.nan
     other, most = nearest_overlap(bodies)
@@ -210,7 +213,7 @@ def _false(recording: Recording, boxes: dict[str, list[tuple[int, Array, float]]
 
 
 def _sites(frame: Ints, edges: Array, rate: float) -> Ints:
-    """The place (n,) where each false box stands, −1 for none. Boxes are ordered by frame, and each goes to the place whose mean box it meets."""
+    """The place (n,) where each false box stands, −1 for none. In the order of frames, each box joins the place whose mean box overlaps it most."""
     mean, count, site = np.zeros((0, 4)), list[int](), np.zeros(len(frame), dtype=np.int64)
     for k in np.argsort(frame, kind="stable"):
         alike = box_overlaps(edges[k : k + 1], mean)[0]

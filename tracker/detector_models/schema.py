@@ -24,7 +24,7 @@ Part = TypeVar("Part")
 class Numbers:
     """What a field holds: numbers from low to high in an array of `shape`, in which 0 stands for any length up to MOST_SAMPLES.
 
-    empty: whether () may stand in place of the array. rising: whether no row falls.
+    empty: whether () may stand in place of the array. rising: whether rows must not decrease.
     """
 
     shape: tuple[int, ...] = ()

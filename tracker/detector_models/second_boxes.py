@@ -13,9 +13,9 @@ from tracker.geometry import Array, Ints, Mask
 
 MOST_SECONDS = 3
 PRIOR = 1.0
-"""Ridge of the logistic regression, as so many squared coefficients."""
+"""Strength of the ridge penalty of the logistic regression."""
 KINDS = (0.35, 0.75)
-"""Visible shares that part the kinds of examples: mostly hidden, partly hidden, and clear bodies."""
+"""Visible shares that separate the kinds of examples: mostly hidden, partly hidden, and clear bodies."""
 
 
 def fit_second(samples: Samples, features: Array, weight: Array) -> SecondBoxes:
@@ -29,7 +29,7 @@ def fit_second(samples: Samples, features: Array, weight: Array) -> SecondBoxes:
     x = np.column_stack([features, ~people.detected])
     alone = np.full(len(people), rates[0])
     time_s = processes.hidden_chain(alone, some, samples.pairs, weight, flickers=(0.0,))[0]
-    # Frames of a run of second boxes are one observation, not many: the weight of each is less by the correlation time.
+    # Frames of a run of second boxes are correlated: the weight of each is less by twice the correlation time.
     beta = processes.logistic(x, some.astype(float), weight * min(1.0, samples.period / max(2 * time_s, 1e-9)), PRIOR)
     time_s = processes.hidden_chain(expit(x @ beta), some, samples.pairs, weight, flickers=(0.0,))[0]
     kept = tuple(tuple(row) for row in np.round(examples(rows), 4).tolist())
@@ -53,8 +53,8 @@ def examples(rows: Array) -> Array:
 def runs(rows: Array) -> list[list[int]]:
     """Numbers of the rows (m, 10) that are one second box of a person in frames one after the other.
 
-    Boxes of a person and view in two such frames are the same one by turns of the smallest difference of edges. A run ends where the first box comes
-    or goes, since errors then have another base.
+    Boxes of a person and view in two such frames are linked greedily by the smallest difference of edges. A run ends when the first box appears or
+    disappears, because errors then have another reference.
     """
     order = np.lexsort((rows[:, 9], rows[:, 0], rows[:, 8])).tolist()
     groups = dict[tuple[float, ...], list[int]]()
@@ -76,7 +76,7 @@ def runs(rows: Array) -> list[list[int]]:
 
 
 def next_example(second: SecondBoxes, at: int, forward: bool) -> tuple[int, bool]:
-    """The example after row `at` of the same box, and the direction in which it goes on; −1 for a box of one frame alone."""
+    """The example that follows row `at` of the same box, and the direction of traversal; −1 for a box of one frame alone."""
     ahead, behind = second.samples[at][7] > 0.5, at > 0 and second.samples[at - 1][7] > 0.5
     if not ahead and not behind:
         return -1, True
@@ -99,7 +99,7 @@ def example_kinds(visible: Array, found: Mask) -> Ints:
 
 
 def examples_by_kind(second: SecondBoxes) -> list[Ints]:
-    """Rows of the examples of each kind; of a kind without examples, those of the nearest visible share, or else all."""
+    """Rows of the examples of each kind; of a kind without examples, those of the kind with the nearest visible share."""
     samples = np.array(second.samples)
     if not len(samples):
         return [np.arange(0)] * 2 * (len(KINDS) + 1)

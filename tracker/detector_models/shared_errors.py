@@ -1,7 +1,7 @@
-"""What all views of a recording say alike of its people, beside the annotated places: where these are off, and how tall people are.
+"""Errors of annotated people on which all views of a recording agree: displacements of their places, and statures.
 
-A view alone cannot tell an error of the truth from one of its detector. Errors of different views have the first in common.
-Simulated as errors of each view, they would make the views contradict each other.
+A single view cannot separate an error of the truth from one of its detector. Errors of the truth are common to all views.
+Simulated as errors of each view alone, they would make the views contradict each other.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from tracker.recordings import Recording
 LEAST_PAIRS = 200
 """Fewest pairs of clear boxes of one person in two views of a frame."""
 CUT = 0.02
-"""Greatest share of a body beyond the image, of which a box says where its middle is."""
+"""Largest share of a body beyond the image for its box to be used."""
 LEAST_NOISE = 0.1
 """Least share of the variance of a view's errors that is its own."""
 BLOCK = 250
@@ -33,18 +33,18 @@ FIELD = 0.5
 """m: prior standard deviation of the coefficients of the field of displacements."""
 TERMS = 6
 LEAST_BOXES, TALLEST = 20, 0.2
-"""Fewest clear boxes of a person that tell a stature, and the greatest difference of one, as a share of bodies.BODY."""
+"""Fewest clear boxes of a person for a stature, and the largest deviation of a stature, as a share of bodies.BODY."""
 STEP = 0.05
 """m: step of the numerical derivative of a pixel by a place."""
 
 
 @dataclass(frozen=True, eq=False)
 class SharedErrors:
-    """By how much annotated people differ from those that all views see.
+    """Differences between annotated people and those on which all views agree.
 
     field (6, 2): displacement on the ground, m, by the terms 1, x, y, x², xy, y² of the place, with bounds (2, 2) m taken to −1 and 1.
     by_place: root mean square of the field at the places of the fit, m.
-    deviation: standard deviation of an axis of what a person has beside it, m. lasting: the share of its variance that a person keeps.
+    deviation: standard deviation, per axis, of a person's own displacement beside it, m. lasting: share of its variance that is constant.
     time_s: of the rest, a Matérn process with smoothness 3/2, of covariance (1 + a) exp(−a), a = √3 lag / time_s.
     stature: standard deviation over people of the height of the body, as a share of bodies.BODY.
     """
@@ -58,7 +58,7 @@ class SharedErrors:
     stature: float
 
     def displacement(self, feet: Array) -> Array:
-        """Displacement (n, 2) m by the field at feet (n, 2 or more) m; beyond the bounds as at their border."""
+        """Displacement (n, 2) m by the field at feet (n, 2 or more) m; beyond the bounds, that at their border."""
         return np.asarray(_terms(feet, self.bounds) @ self.field)
 
     def to_dict(self) -> dict[str, Any]:
@@ -66,7 +66,7 @@ class SharedErrors:
         return {one.name: np.asarray(getattr(self, one.name)).tolist() for one in fields(self)}
 
     def covariance(self, lag_s: Array) -> Array:
-        """Of an axis, m², at lags in s."""
+        """Covariance of a person's displacement on an axis, m², at lags in s."""
         return np.asarray(self.deviation**2 * (self.lasting + (1 - self.lasting) * _decay(lag_s, self.time_s)))
 
 
@@ -86,7 +86,7 @@ class BoxErrors:
     top: Array
 
     def less(self, displacement: Array) -> BoxErrors:
-        """Without the errors that a displacement (n, 2) m of the places explains."""
+        """The errors less those that a displacement (n, 2) m of the places explains."""
         return replace(self, error=self.error - np.einsum("nij,nj->ni", self.slope, displacement))
 
     def across(self) -> tuple[Array, Array]:
@@ -107,7 +107,7 @@ class BoxErrors:
 
 
 def box_errors(recording: Recording, truth: TruePeople, views: Iterable[Iterable[ViewFrame]]) -> BoxErrors:
-    """Errors of the clear boxes in matched views. The median of a view, in body heights, is left out as an error of its calibration."""
+    """Errors of the clear boxes in matched views. The median of a view, in body heights, is subtracted as an error of its calibration."""
     out = [_no_errors()]
     for number, frames in enumerate(views):
         mine, heights = [_no_errors()], [np.zeros(0)]
@@ -164,9 +164,9 @@ def fit_shared_errors(found: BoxErrors, period: float) -> SharedErrors | None:
 
 
 def agreed(recording: Recording, truth: TruePeople) -> tuple[TruePeople, SharedErrors | None]:
-    """True people as all views see them, and how annotated people differ from them; the truth itself where this is not known.
+    """People on which all views agree, and their differences from annotated people; the truth itself and None where these are not known.
 
-    It is not known of one view, nor of true boxes. Places are the mean of a Gaussian process.
+    They are not known for one view, nor for true boxes. Places are the posterior mean of a Gaussian process.
     """
     if truth.boxes or len(recording.detections) < 2:
         return truth, None
@@ -216,7 +216,7 @@ def drawn(recording: Recording, truth: TruePeople, errors: SharedErrors, seed: i
 def _moved(
     recording: Recording, truth: TruePeople, errors: SharedErrors, moved: dict[tuple[int, int], Array], taller: dict[int, float]
 ) -> TruePeople:
-    """People displaced by the field, and by (frame, person) → (2,) m; by person → share by which a body is taller than bodies.BODY."""
+    """People displaced by the field and `moved`, (frame, person) → (2,) m. taller: person → share by which a body is taller than bodies.BODY."""
     places = {}
     for frame, (ids, feet) in truth.places.items():
         shift = np.array([moved.get((frame, int(one)), np.zeros(2)) for one in ids]).reshape(-1, 2) + errors.displacement(feet)

@@ -1,4 +1,4 @@
-"""Simulated detections of a recording: its true people seen by a detector model, in place of its own boxes."""
+"""Simulated detections of a recording: boxes of its true people by a detector model, in place of its own boxes."""
 
 from __future__ import annotations
 

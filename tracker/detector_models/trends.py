@@ -1,6 +1,6 @@
 """Errors of edges of one view that depend on the place, size and visible share of a body: a ridge regression.
 
-Calibration, lean and size of a body give such errors. They move with a walking person, so that they are neither constant nor noise.
+Errors of calibration, lean and size of a body cause them. They change as a person walks, so they are neither constant nor noise.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from tracker.geometry import Array, Ints, Mask
 TREND = ("across", "down", "across²", "down²", "across · down", "size", "hidden")
 """Features: place of the box from the middle over the size of the image, log2 of body over image height, and hidden share."""
 RIDGES = (1.0, 0.1, 0.01, 0.001)
-"""Strengths that are tried, over the number of rows; features are standardized. Frames of a person are alike, so that strong ones are needed."""
+"""Ridge strengths that are tried, per row, for standardized features. Frames of a person are correlated, so strong ones are needed."""
 FOLDS = 5
 LEAST_GAIN = 0.02
-"""Share of the squared error, out of sample, that a regression must take away to be used."""
+"""Least reduction of the squared error, out of sample, for a regression to be used, as a share."""
 EXTREME = 3.0
-"""Errors beyond so many standard deviations are taken to these."""
+"""Errors are clipped to this number of standard deviations from the median."""
 
 
 def trend_features(place: Array, size: Array, visible: Array, bounds: Array) -> Array:

@@ -41,7 +41,7 @@ class RobotMeasurements:
 def linearize(
     joint: JointState, robot: int, seen: LandmarkMeasurement | None, odometry: Odometry | None, robots_seen: RobotMeasurements | None = None
 ) -> LinearizedMeasurement:
-    """The linear system of one robot's measurements: two rows a landmark, then two a robot seen, then two of gravity.
+    """The linear system of one robot's measurements: two rows per landmark, then two per robot seen, then two of gravity.
 
     odometry: its measured "up" is one more direction; None where there is none. Residuals are at the means, Jacobians at the
     linearization points of the state.

@@ -22,7 +22,7 @@ class CameraPose:
 
     body_rotation (3, 3), body_translation (3,) m, mount_rotation (3, 3), mount_translation (3,) m. correction (3,) rad is a rotation
     vector w of the camera about the mount's origin: R_world_camera = R_world_body Exp(w) R_body_camera. The body may come in rows,
-    (n, 3, 3) and (n, 3): one pose a landmark.
+    (n, 3, 3) and (n, 3): one pose per landmark.
     """
 
     body_rotation: Array

@@ -17,14 +17,14 @@ from tracker.geometry import Array, Pose, exp_so3
 from tracker.types import Odometry
 
 MOTION_BIASES, BIASES = 7, 9
-"""States a robot: six of the odometry and one of slopes act on the motion; with two of "up" there are nine."""
+"""States per robot: six of the odometry and one of slopes act on the motion; with two of "up" there are nine."""
 
 
 @dataclass(frozen=True)
 class BiasModel:
     """The parameters of the nine processes.
 
-    time_constants (8,) s: correlation times of the six and the two. sigma_ratios (8,): their stationary standard deviations over the stated ones,
+    time_constants (8,) s: correlation times of the six, then of "up". sigma_ratios (8,): their stationary standard deviations over the stated ones,
     above 1 where wheels slip more than the odometry states. white_shares (7,): the share of the stated variance that is white noise, for the six and
     for "up". downhill_sigma m/s, downhill_time s: standard deviation and correlation time of sliding on slopes, which lasts as wheels and ground do.
 

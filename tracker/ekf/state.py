@@ -1,7 +1,7 @@
 """The joint state of a team and its map: the means of robots, clones and landmarks, and one covariance with all cross-covariances.
 
 Order of the covariance: robots, clones, landmarks. A robot has six numbers of the pose's right tangent. Three of the correction factor and
-eight odometry biases follow where these are estimated. A clone has six: a robot's pose at an earlier tick (Roumeliotis & Burdick 2002).
+nine odometry biases follow where these are estimated. A clone has six: a robot's pose at an earlier tick (Roumeliotis & Burdick 2002).
 A landmark has three, metres in the world. The array is larger than the state. Landmarks fill it from the front, and the last one
 replaces a removed one, so that adding and removing cost O(n).
 """
@@ -120,7 +120,7 @@ class JointState:
         return Means(self.rotation, self.translation, self.point) if self._first is None else self._first
 
     def camera_pose(self, robot: int, mount: Mount, pose: int | Indices | None = None, for_jacobians: bool = False) -> CameraPose:
-        """A camera of a robot, at its present pose or at `pose`: the number of a clone, or several for rows.
+        """A camera of a robot, at its present pose or at `pose`: the number of a clone, or numbers (n,) for n rows.
 
         for_jacobians: at the linearization points. The correction is the present estimate.
         """
@@ -186,7 +186,7 @@ class JointState:
         self.P[pose, pose] += Q
 
     def add_correction_noise(self, sigma: float) -> None:
-        """One step of the corrections' random walk, sigma rad an axis."""
+        """One step of the corrections' random walk, sigma rad per axis."""
         for i in range(self.robots if self.has_correction else 0):
             rows = np.arange(self.offset(i) + 6, self.offset(i) + 9)
             self.P[rows, rows] += sigma**2
@@ -205,7 +205,7 @@ class JointState:
         self.P[rows, rows] += variance
 
     def diffuse(self, landmarks: Indices, variance: Array) -> None:
-        """Add an independent variance (k,) m² an axis to landmarks (k,), each at most once."""
+        """Add an independent variance (k,) m² per axis to landmarks (k,), each at most once."""
         rows = self.base + 3 * landmarks[:, None] + np.arange(3)
         self.P[rows, rows] += variance[:, None]
 
@@ -312,7 +312,7 @@ class JointState:
         return weights
 
     def _split_change(self, delta: Array) -> tuple[Array, Array, Array]:
-        """A change (n,) split into poses (p, 6), corrections (robots, 3 or 0) and odometry biases (robots, 8 or 0)."""
+        """A change (n,) split into poses (p, 6), corrections (robots, 3 or 0) and odometry biases (robots, 9 or 0)."""
         team = delta[: self.stride * self.robots].reshape(self.robots, self.stride)
         clones = delta[self.stride * self.robots : self.base].reshape(-1, 6)
         split = 9 if self.has_correction else 6

@@ -1,4 +1,4 @@
-"""The formats of others, one module or package each: reader, writer, opening of a folder, and export of a sequence of pilsim.
+"""Formats of other projects, one module or package each: reader, writer, and export of pilsim sequences. `opening.py` opens a folder.
 
 Read `registry.py` first: the table of all formats.
 """

@@ -1,4 +1,4 @@
-"""Parameters of cameras as OpenCV, ROS, EuRoC and COLMAP have them, and cameras as pinhole images for formats that know no others.
+"""Camera parameters in the conventions of OpenCV, ROS, EuRoC and COLMAP, and resampling to pinholes for formats without other models.
 
 Images are resampled into another camera with the same centre: the six faces of a cube around a panoramic camera, or a straight pinhole.
 """
@@ -33,14 +33,14 @@ FACES: dict[str, Array] = {
 }
 """Name of a face → R_camera_face (3, 3), both frames x forward, y left, z up. The left of `up` and `down` is the left of the camera."""
 FARTHEST_OUT = -9.0
-"""px: source column and row of a pixel that sees nothing of the source. It is beyond the border, which is black."""
+"""px: source column and row of a target pixel outside the view of the source. Pixels outside the source image are black."""
 
 
 @dataclass(frozen=True)
 class CameraParameters:
-    """A camera in numbers. The first pixel's centre is (0, 0).
+    """Parameters of a camera. The first pixel's centre is (0, 0).
 
-    model: pinhole, fisheye, equirectangular or cylindrical. fx, fy, cx, cy: px, of panoramas as in MODELS.
+    model: pinhole, fisheye, equirectangular or cylindrical. fx, fy, cx, cy: px, for panoramas as in PANORAMAS.
     distortion: k1, k2, p1, p2, k3 of a pinhole, k1 to k4 of a fisheye, as OpenCV has them.
     error: px, the largest error of these numbers over the image.
     """
@@ -83,7 +83,7 @@ In the optical frame, azimuth = atan2(−x, z) and elevation = atan2(−y, √(x
 
 @dataclass(frozen=True, eq=False)
 class ExportedView:
-    """An image of an export that shows a camera of a sequence, as it is or resampled. T_camera_view: both x forward, y left, z up."""
+    """The exported images of a camera of a sequence, unchanged or resampled. T_camera_view: both x forward, y left, z up."""
 
     source: str
     name: str
@@ -102,7 +102,7 @@ class ExportedView:
 
 
 def faces(name: str, camera: Camera) -> list[ExportedView]:
-    """Six faces of a panorama, the four level ones of a cylinder, and any other camera as it is."""
+    """Six faces of a panorama, the four level ones of a cylinder, or any other camera unchanged."""
     if not isinstance(camera, PanoramicCamera):
         return [ExportedView(name, name, camera)]
     target = face_camera(camera)
@@ -133,7 +133,7 @@ def pixel_errors(cameras: dict[str, Camera]) -> list[str]:
 
 
 def camera_notes(recording: RecordedSequence, cameras: Iterable[str], fate: str) -> list[str]:
-    """Notes for README.md on cameras that have no images, with what becomes of them, and on those whose calibration is fitted."""
+    """Notes for README.md on cameras without images, which end with `fate`, and on cameras whose distortion is fitted."""
     names = list(cameras)
     without = [name for name in names if not recording.has_images(name)]
     notes = [f"has no images of {', '.join(without)}; {fate}"] if without else []
@@ -158,14 +158,14 @@ class Resampling:
     def _map(self) -> NDArray[np.float32]:
         """Column and row of the source, its first pixel's centre at (0, 0), for each pixel of the target: (2, H, W).
 
-        In a source that wraps, columns count from the one that `image` puts before the first.
+        In a source that wraps, columns count from the column that `image` adds before the first.
         """
         shift = self.target.pixel_centre
         u, v = np.meshgrid(np.arange(self.target.width) + shift, np.arange(self.target.height) + shift)
         aim = np.column_stack([u.ravel(), v.ravel()])
         pixels, seen = self.source.pixels_from_bearings(self.target.bearings_from_pixels(aim) @ self.R_source_target.T)
         at = np.where((seen & ~self.target.blind(aim))[:, None], pixels - self.source.pixel_centre, FARTHEST_OUT)
-        # Within half a pixel of the border the nearest pixel is taken; over the seam a column of the other side stands beside the border.
+        # Within half a pixel of the border the nearest pixel is taken. At a seam, `image` adds the column of the other side.
         low = np.array([-1.0 if self.source.wraps else 0.0, 0.0])
         high = np.array([self.source.width - (0.0 if self.source.wraps else 1.0), self.source.height - 1.0])
         at = np.where(at > FARTHEST_OUT, np.clip(at, low, high), at)

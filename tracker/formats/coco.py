@@ -125,7 +125,7 @@ def export_coco(out: Path, recordings: Iterable[RecordedSequence]) -> list[str]:
 
 
 def people_in_image(recording: RecordedSequence, frame: int, camera: str) -> list[dict[str, Any]]:
-    """The fields of annotations, but for their ids, of the people with visible pixels in an image, in the order of the boxes."""
+    """The fields of annotations, except their ids, of the people with visible pixels in an image, in the order of the boxes."""
     view: ViewTruth | None = recording.views.get((frame, camera))
     masks = encode_masks(recording.instances(frame, camera))
     boxes = view.boxes if view else Boxes.none()

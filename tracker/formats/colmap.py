@@ -28,7 +28,7 @@ COLUMNS = {
     "images": "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then POINTS2D[]",
     "points3D": "POINT3D_ID X Y Z R G B ERROR TRACK[]",
 }
-"""File of a model → what stands in its first line."""
+"""File of a model → the column names in its first line."""
 COLOR = (158, 143, 117)
 """R, G, B of the points."""
 
@@ -106,14 +106,14 @@ Parameters [px] are fx, fy, cx, cy and OpenCV's distortion; COLMAP's first pixel
 k1, k2, p1, p2, FULL_OPENCV k1, k2, p1, p2, k3 and zeros, OPENCV_FISHEYE k1 to k4.
 A panorama is six pinholes of 90°, a cylinder the four level ones (black above and below its image), sampled bilinearly from its pixels. All have its
 centre; each face turns about it alone. rig_config.json: quaternion w, x, y, z and translation [metres] from the first view of a robot to each other.
- People walk and robots drive through the images: masks are in the export coco.
+People walk and robots drive through the images: masks are in the export coco.
 The points are grid points of the height map, thinned to at most 20,000. They have no color of their own, and no image observes them.
 """
 MOST_POINTS = 20_000
 
 
 def export_colmap(out: Path, recordings: Iterable[RecordedSequence]) -> list[str]:
-    """Write a model for each sequence. Returns notes on what is not there, and on fitted distortions."""
+    """Write a model for each sequence. Returns notes on missing images and on fitted distortions."""
     notes = []
     for recording in recordings:
         root = out / recording.name
@@ -143,7 +143,7 @@ def _image(recording: RecordedSequence, frame: int, view: ExportedView, number: 
 
 
 def rig_configuration(recording: RecordedSequence, views: list[ExportedView]) -> list[dict[str, Any]]:
-    """A rig for each robot with cameras: the first view is its reference, the others have their pose in that one's frame."""
+    """A rig for each robot with cameras. The first view is the reference; each other view has the transform from the reference to its own frame."""
     rigs: dict[str, list[dict[str, Any]]] = {}
     first: dict[str, Pose] = {}
     for view in views:

@@ -23,11 +23,11 @@ STATE = (
     "timestamp", *(f"p_RS_R_{axis} [m]" for axis in "xyz"), *(f"q_RS_{axis} []" for axis in "wxyz"), *(f"v_RS_R_{axis} [m s^-1]" for axis in "xyz"),
     *(f"b_w_RS_S_{axis} [rad s^-1]" for axis in "xyz"), *(f"b_a_RS_S_{axis} [m s^-2]" for axis in "xyz"),
 )  # fmt: skip
-"""Columns of the three tables; their names stand in a first line after `#`."""
+"""Columns of the three tables. The first line of a table is `#` and their names."""
 
 
 def sensor_yaml(kind: str, comment: str, T_body_sensor: Pose, fields: dict[str, str | float | Sequence[float]]) -> str:
-    """The text of a sensor.yaml. kind: camera, imu or visual-inertial. fields: what else it says, in order."""
+    """The text of a sensor.yaml. kind: camera, imu or visual-inertial. fields: the other fields, in order."""
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = T_body_sensor.rotation, T_body_sensor.translation
     numbers = ", ".join(repr(float(x) + 0.0) for x in matrix.ravel())
@@ -39,7 +39,7 @@ def sensor_yaml(kind: str, comment: str, T_body_sensor: Pose, fields: dict[str, 
 
 
 def write_table(path: Path, columns: Sequence[str], stamps: Sequence[int], rows: Iterable[str]) -> None:
-    """Write a table: times [ns], and what follows each of them."""
+    """Write a table. stamps: times [ns]. rows: the text after each time."""
     lines = [f"#{','.join(columns)}", *(f"{stamp},{row}" for stamp, row in zip(stamps, rows, strict=True))]
     write_text(path, "".join(f"{line}\n" for line in lines))
 
@@ -49,7 +49,7 @@ def _texts(numbers: Array) -> Iterable[str]:
 
 
 HALF_MICROSECOND = 5e-7
-"""s: times in tables are rounded to 9 digits; a sample at the time of a frame belongs to it."""
+"""s: tolerance for times in tables, which are rounded to 9 digits. A sample at the time of a frame belongs to that frame."""
 README = f"""
     SEQUENCE/ROBOT/mav0/body.yaml                              which robot this is
     SEQUENCE/ROBOT/mav0/cam0/data.csv                          time [ns] and name of each image, frames from 0; cam1 and so on are further cameras
@@ -78,7 +78,7 @@ over the time since the sample before. sensor.yaml has the true densities of noi
 
 
 def export_euroc(out: Path, recordings: Iterable[RecordedSequence], epoch: int = 0, faces: bool = False) -> list[str]:
-    """Write the robots of all sequences. Returns notes on what is not there.
+    """Write the robots of all sequences. Returns notes on camera names, missing images and fitted distortions.
 
     epoch: time of frame 0 in whole seconds. faces: panoramas as pinhole images of cube faces.
     Raises ValueError where a sequence has no robot that moves.

@@ -149,13 +149,13 @@ class RecordedSequence:
         return boxes_of_detections(self.cameras[camera], found), found.confidence
 
     def camera_boxes(self, camera: str, origin: float) -> dict[int, tuple[Array, Array]]:
-        """Frame from 0 → detected boxes (n, 4) px and confidence (n,) of all frames that have some. origin: u and v of the image's corner."""
+        """Frame from 0 → detected boxes (n, 4) px and confidence (n,), for frames with boxes. origin: u and v of the image's corner."""
         found = {frame: self.detection_boxes(frame, camera) for frame in range(len(self.truth))}
         corner = np.array([origin, origin, 0.0, 0.0])
         return {frame: (boxes + corner, confidence) for frame, (boxes, confidence) in found.items() if len(boxes)}
 
     def detection_rows(self, camera: str, origin: float) -> Mot15Rows:
-        """The same as rows of a MOT15 file."""
+        """The boxes of camera_boxes as rows of a MOT15 file."""
         return rows_from_boxes({frame + 1: boxes for frame, boxes in self.camera_boxes(camera, origin).items()})
 
     @cached_property
@@ -179,7 +179,7 @@ class RecordedSequence:
         return JPEG if f"images/{camera}/{0:06d}{JPEG}" in self._files else PNG
 
     def pixels(self, frame: int, camera: str) -> NDArray[np.uint8]:
-        """The decoded image (H, W, 3), blue, green, red. The last one is kept, since six faces ask for one panorama."""
+        """The decoded image (H, W, 3), blue, green, red. The last image is cached, because six faces read one panorama."""
         if (frame, camera) not in self._decoded:
             data, path = self._bytes("images", camera, frame)
             self._decoded.clear()
@@ -232,7 +232,7 @@ class RecordedSequence:
         return read_wheels(self.folder) if "wheels.csv" in self._files else {}
 
     def imu_noise(self, robot: str) -> ImuNoise:
-        """The rate, place and noise of the IMU of a robot. Raises ValueError for fields of sensors.json that are no such numbers."""
+        """The rate, place and noise of the IMU of a robot. Raises ValueError for invalid fields of sensors.json."""
         content = read_sensor_setup(self.folder).description.get("imu", {})
         try:
             told = content.get("T_body_imu_of_robots", {}).get(robot) or content.get("T_body_imu", [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])

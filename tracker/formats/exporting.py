@@ -26,7 +26,7 @@ class ExportOptions:
     faces: bool = False
 
     def of(self, export: Export) -> dict[str, object]:
-        """The options of an export by their names. Raises ValueError for one that is set and that the export does not have."""
+        """The options of an export by their names. Raises ValueError for an option that is set and that the export does not have."""
         for name, value in vars(self).items():
             if value and name not in export.options:
                 having = [other.name for other in EXPORTS.values() if name in other.options]
@@ -42,10 +42,10 @@ PLAIN = ExportOptions()
 def export(folder: Path, form: str, out: Path, progress: Progress | None = None, options: ExportOptions = PLAIN) -> list[Path]:
     """Write the sequences of `folder` (one, or a dataset) into `out` atomically; returns their folders.
 
-    form: a name of EXPORTS. Raises ValueError for an unknown format, for options that it does not have, and for a folder without sequences.
+    form: a name of EXPORTS. Raises ValueError for an unknown format, for options that the format does not have, and for a folder without sequences.
     Raises ValueError for an `out` that is not empty or lies in `folder`.
     Raises ValueError where a sequence lacks what the format needs, and where another process writes into `out`.
-    Raises Kept where the disk is full, with the place of what was made.
+    Raises Kept where the disk is full, with the path of the unfinished files.
     """
     if form not in EXPORTS:
         raise ValueError(f"format is {form!r}, needs one of {', '.join(EXPORTS)}")

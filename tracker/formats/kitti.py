@@ -28,9 +28,9 @@ def write_times(path: Path, times: Sequence[float]) -> None:
 
 
 def write_calibration(path: Path, projections: Sequence[Array], transform: Pose) -> None:
-    """Write P0 to P3, each (3, 4) px from points in the frame of camera 0, and Tr, the pose of the body's frame in that of camera 0.
+    """Write P0 to P3, each (3, 4) px from points in the frame of camera 0, and Tr. Tr is the pose of the body in that frame.
 
-    Where there are fewer than four cameras, the last is repeated, since readers want four.
+    Where there are fewer than four cameras, the last is repeated, because readers need four.
     """
     filled = [projections[min(k, len(projections) - 1)] for k in range(CAMERAS)]
     lines = [f"P{k}: {_numbers(P)}\n" for k, P in enumerate(filled)]

@@ -1,4 +1,4 @@
-"""MOTChallenge: MOT15 as tracker/io/mot15.py has it, the truth of MOT17, and what lies beside them; the export of a sequence.
+"""MOTChallenge: MOT15 (tracker/io/mot15.py), the truth of MOT17, and their other files; the export of a sequence.
 
 MOT17 truth: frame, id, left, top, width, height (pixels, the first is 1), consider, class, visibility in [0, 1].
 A row with consider 0 does not count, and class 1 is a pedestrian. Frames count from 1. Detections and results are MOT15 files.
@@ -21,7 +21,7 @@ from tracker.types.truth import evaluated_people
 
 
 def write_mot17(path: Path, frame: Ints, boxes: Boxes) -> None:
-    """Write truth, sorted by frame, then id: people who all count, with the box of the whole body. Every number reads back the same.
+    """Write truth, sorted by frame, then id. All people count, and boxes are of whole bodies. Every number reads back the same.
 
     frame (n,): from 1, of each of the n boxes, whose pixels count from the corner of the image.
     """

@@ -1,4 +1,4 @@
-"""Opening a folder by what lies in it, as tracker/formats/registry.py lists the formats."""
+"""Opening a source of any format. The files in its folder identify the format (tracker/formats/registry.py)."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from tracker.sequence.reader import read_sequence
 from tracker.types import Odometry, Sequence, Setup, Tick, Ticks, Truth, View
 
 NAMED = 4
-"""Sequences of a dataset that an error names."""
+"""Number of sequences of a dataset that an error names."""
 
 
 def is_pilsim(path: Path) -> bool:
@@ -72,7 +72,7 @@ def open_recording(path: Path, options: SourceOptions | None = None, strict: boo
 
 
 def open_sequence(path: Path, options: SourceOptions | None = None, checked: bool = False, calibrated: bool = True) -> Sequence:
-    """Open a folder of any format as the tracker takes it. checked: whether a line tells where `pilsim check` finds that boxes fit nothing.
+    """Open a folder of any format as the input of the tracker. checked: whether errors that `pilsim check` finds are logged (say_suspicion).
 
     calibrated: whether all cameras need poses; finding people in images needs none.
 
@@ -99,13 +99,13 @@ def open_sequence(path: Path, options: SourceOptions | None = None, checked: boo
 
 
 def say_suspicion(path: Path, recording: Recording) -> None:
-    """Log in one line where `pilsim check` would say that the boxes of a recording fit nothing, or that frames have no boxes."""
+    """Log in one line what `pilsim check` finds wrong with the boxes, places and frame numbers of a recording; nothing where it finds no error."""
     if found := suspicion(recording):
         say(f"{path}: something is wrong with the input ({found}); `pilsim check {path}` tells more")
 
 
 def images_checksum(path: Path, options: SourceOptions) -> str:
-    """A checksum of the images that a source has for the chosen cameras and frames, by which a finished run knows them again."""
+    """A checksum of a source's images for the chosen cameras and frames. A finished run stores it to detect other images."""
     if format_of(path).name == PILSIM:
         return checksum(path / MANIFEST)
     recording = open_recording(path, replace(options, detections={}, projected=None, degradation=Degradation()))
@@ -113,13 +113,14 @@ def images_checksum(path: Path, options: SourceOptions) -> str:
 
 
 def _of_images(path: Path, recording: Recording) -> Recording:
-    """The cameras of a recording that have images, without boxes; a recording without boxes and truth is as long as its shortest video."""
+    """The cameras of a recording that have images, without boxes. If no data give the number of frames, the shortest video does."""
     if not recording.images:
         raise ValueError(f"{path}: no images, neither video/CAMERA.mp4 nor images/CAMERA/000001.jpg, of {', '.join(recording.cameras)}")
     recording = recording.choose([name for name in recording.cameras if name in recording.images])
     if not recording.frames:
         lengths = [source.frames() for source in recording.images.values() if isinstance(source, VideoFile)]
-        recording = replace(recording, frames=min(lengths, default=0))
+        # Without data in the frames of the recording, those of the cameras that are left count.
+        recording = replace(recording, frames=min(lengths, default=0), stamps=None)
     return recording.with_detections({name: {} for name in recording.cameras})
 
 
@@ -133,7 +134,7 @@ def _with_options(path: Path, recording: Recording, options: SourceOptions) -> R
         beside = [file.with_name(file.stem + VISIBLE_FILE) for name, file in files.items() if name in visible]
         source["files"] = source.get("files", {}) | {file.name: checksum(file) for file in (*files.values(), *beside)}
     if options.projected is not None:
-        # JRDB has labelled boxes, of people who sit, too.
+        # JRDB has labelled boxes, which also fit people who sit.
         made = noisy_boxes if recording.source.get("labels_as_detections") else projected_boxes
         recording = made(recording, options.projected, options.seed)
         source = dict(recording.source)
@@ -157,7 +158,7 @@ def _with_options(path: Path, recording: Recording, options: SourceOptions) -> R
 
 
 def _with_clock_offsets(path: Path, recording: Recording, text: str) -> Recording:
-    """The recording with the offsets of --offsets, which are told in a line where they are estimated."""
+    """The recording with the clock offsets of --offsets. Estimated offsets are logged in one line."""
     if text != AUTO:
         return with_offsets(recording, parsed_offsets(text, list(recording.cameras)))
     found = estimated_offsets(recording)
@@ -207,9 +208,9 @@ class SelectedTicks:
 
 
 def selected(sequence: Sequence, options: SourceOptions) -> Sequence:
-    """The part of a sequence that `options` choose; the same sequence where they choose all of it.
+    """The part of a sequence that `options` choose; the sequence itself where they choose all of it.
 
-    Raises ValueError for a camera that is not there, frames that are not there, and a first frame that is not 0 where robots move.
+    Raises ValueError for an unknown camera, for missing frames, and for a first frame other than 0 where robots move.
     """
     if not options.cameras and options.frames is None and not options.detections:
         return sequence

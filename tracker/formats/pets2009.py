@@ -1,10 +1,10 @@
 """PETS 2009: annotations (XML, CVML) and the site (site.json); a folder of them as a recording; the export of a sequence.
 
 Annotations are those of PETS 2009 and CAVIAR: boxes by their centres in the image of one camera, frames from 0. Detections are MOT15 files,
-with frames from 1. Calibrations are tracker/io/tsai_xml.py's. Pixels are those of the calibration: pixel centres lie at whole numbers.
+with frames from 1. tracker/io/tsai_xml.py reads the calibrations. Their pixels are used: pixel centres lie at whole numbers.
 
 site.json lies beside the annotations. It holds what PETS 2009 does not record: frame rate, tracking area, ground and occluding pillars. Its fields:
-rate [1/s]; area [[x, y], [x, y]] m, the lowest and the highest corner; terrain, the name of a file of heights, or null for the plane z = 0.
+rate [1/s]. area [[x, y], [x, y]] m: the lowest and the highest corner. terrain: the name of a file of heights, or null for the plane z = 0.
 The field pillars may be missing: [[x, y, radius, low, high], ...] m, upright cylinders that occlude people.
 """
 
@@ -35,13 +35,13 @@ from tracker.io.time_order import say_repeated
 from tracker.io.tsai_xml import read_camera, write_camera
 from tracker.io.xml_files import Element, parse
 from tracker.recordings import FrameBoxes, Recording, RecordingCamera
-from tracker.recordings.folder import read_boxes
+from tracker.recordings.folder import pillars_from, read_boxes
 from tracker.recordings.images import image_sources
 from tracker.recordings.recording import MAX_FRAMES
 from tracker.sequence.calibration import MAX_RATE, MIN_RATE
 
 MAX_RANGE = 500.0
-"""m: a ray longer than this does not meet the ground."""
+"""m: longest ray that is intersected with the ground."""
 
 
 def ground_truth(annotations: Annotations, camera: Camera, T_world_camera: Pose, ground: Ground) -> dict[int, tuple[Ints, Array]]:
@@ -69,8 +69,8 @@ def read_annotations(path: str | os.PathLike[str]) -> Annotations:
     """Read a CVML file: frame (from 0) → ids (m,) and boxes (m, 4) left, top, width, height px. Frames without people have empty entries.
 
     The centre of a box is xc, yc, or x, y in the older CAVIAR files.
-    A frame or an object that stands twice with the same content counts once; their number is logged.
-    Raises ValueError with file, line and field where they differ, for an invalid number, and for a size not above 0.
+    A frame or object that is repeated with the same content counts once; the number of repetitions is logged.
+    Raises ValueError with file, line and field for repetitions that differ, for an invalid number, and for a size not above 0.
     """
     out: Annotations = {}
     repeated = 0
@@ -123,9 +123,8 @@ PETS_AREA = ((-14.0696, -14.2740), (4.9813, 1.7335))
 """m: tracking area of the cropped annotations of PETS 2009 (Milan's ground truth)."""
 
 PILLARS = ((-13.708, -10.623, 0.07, 0.0, 2.4), (-13.708, -10.623, 0.24, 2.4, 3.03))
-"""m: the lamp post of PETS 2009 and its sign, which occlude people in View_001; measured in its first frame by its calibration."""
+"""m: the lamp post of PETS 2009 and its sign, which occlude people in View_001; measured in the first frame of View_001."""
 
-PILLAR = "rows of x, y, radius, low and high in metres, radius over 0 and low under high"
 PETS_RATE = 7.0
 """Frames per second of PETS 2009."""
 
@@ -150,9 +149,7 @@ def read_site(folder: Path) -> Site:
     rate, area = content.number("rate", MIN_RATE, MAX_RATE), content.array("area", (2, 2))
     if not (area[0] < area[1]).all():
         raise content.refused("area", "two corners x, y m, the lowest first")
-    pillars = content.array("pillars", (-1, 5), meaning=PILLAR) if "pillars" in content.values else np.zeros((0, 5))
-    if not ((pillars[:, 2] > 0) & (pillars[:, 3] < pillars[:, 4])).all():
-        raise content.refused("pillars", PILLAR)
+    pillars = pillars_from(content)
     if "terrain" in content.values and content.values["terrain"] is None:
         return Site(rate, area, Flat(), pillars=pillars)
     return Site(rate, area, *read_terrain(folder / content.text("terrain", re.escape(TERRAIN), f"{TERRAIN!r} or null")), pillars=pillars)
@@ -171,7 +168,7 @@ PETS_VIEWS = (1, 5, 7)
 
 
 def is_pets(path: Path) -> bool:
-    """Whether a folder is laid out as PETS 2009: detections or annotations, and calibrations as View_00N.xml in it or beside it."""
+    """Whether a folder has the layout of PETS 2009: detections or annotations, and calibration/View_*.xml in it or beside it."""
     folder = calibration_of(path)
     named = folder is not None and any(folder.glob("View_*.xml"))
     return named and ((path / "annotations").is_dir() or (path / "detections").is_dir())
@@ -183,13 +180,13 @@ def calibration_of(path: Path) -> Path | None:
 
 
 def annotation_file(path: Path) -> Path | None:
-    """The annotations in a PETS 2009 folder, or None. Complete ones, whose people also walk outside the evaluated area, are preferred."""
+    """The annotations in a PETS 2009 folder, or None. A complete file, with people outside the evaluated area, is preferred."""
     files = sorted((path / "annotations").glob("*.xml"))
     return next((file for file in files if "cropped" not in file.name), next(iter(files), None))
 
 
 def read_pets(path: Path, options: SourceOptions) -> Recording:
-    """Read a PETS 2009 folder; calibration/ lies in it or beside it. Of `options`, cameras and the names in detections count here.
+    """Read a PETS 2009 folder; calibration/ lies in it or beside it. Only cameras, detections and pixels of `options` are used here.
 
     A camera whose detections are replaced needs no file of its own. Raises ValueError with the path for missing or invalid content.
     """
@@ -227,7 +224,7 @@ def _calibrated(calibration: Path) -> list[str]:
 
 
 def _detection_files(path: Path, calibration: Path, options: SourceOptions) -> dict[str, Path | None]:
-    """Camera → file of its detections, None where `options` replace it. Raises ValueError where the file of a wanted view is missing."""
+    """Camera → file of its detections, None where `options` replaces it. Raises ValueError where the file of a chosen view is missing."""
     found: dict[str, Path | None] = {}
     for file in visible_files(path / "detections", (".txt",)) if (path / "detections").is_dir() else ():
         if match := re.fullmatch(r"View_0*(\d+)\.txt", file.name):
@@ -243,6 +240,8 @@ def _detection_files(path: Path, calibration: Path, options: SourceOptions) -> d
         if wanted and name not in wanted:
             raise ValueError(f"--detections names {name}, --cameras has {','.join(options.cameras)}")
         found[name] = None
+    if folder := options.detections.get(""):
+        found |= {name: None for name in calibrated if name not in found and (folder / f"{name}.txt").is_file()}
     for name in wanted:
         if name not in found and not options.detections.get(""):
             raise ValueError(f"{path / 'detections' / name}.txt: no such file; there are {', '.join(found) or 'none'}")
@@ -377,7 +376,7 @@ def _projects_to_feet(recording: RecordedSequence, view: RecordingCamera, box: A
 
 
 def _write_site(root: Path, recording: RecordedSequence) -> None:
-    """Write site.json, with the annotations terrain as area."""
+    """Write site.json; its area is the extent of the terrain."""
     ground = recording.setup.ground
     assert isinstance(ground, Grid)
     size = ground.spacing * (np.array(ground.heights.shape[::-1]) - 1)

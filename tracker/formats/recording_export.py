@@ -85,7 +85,7 @@ def recording_of(sequence: RecordedSequence) -> Recording:
 
 
 def _check_images(sequence: RecordedSequence, images: dict[str, ImageFiles]) -> None:
-    """Raises ValueError for an image that is not that of the manifest."""
+    """Raises ValueError for an image that differs from the manifest."""
     for frame in sequence.frames():
         for name, files in images.items():
             if frame in files.files:

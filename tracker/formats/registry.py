@@ -1,4 +1,4 @@
-"""The table of formats: by what a folder of each is told, who reads it, and who exports a sequence of pilsim to it."""
+"""The table of formats: how a folder of each is recognized, its reader, and its export of a pilsim sequence."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Export:
     """An export: its name after --format, its title and the description of its files in README.md, and its writer.
 
     write: takes the folder, an iterable of RecordedSequence and the options by their names, and returns notes for README.md.
-    options: names of the fields of ExportOptions that it has.
+    options: names of the fields of ExportOptions that it takes.
     """
 
     name: str
@@ -41,9 +41,9 @@ class Export:
 class Format:
     """A format.
 
-    name: short, as in --json. title: what it is and by which files it is told. page: its name in the table of tracker/README.md.
+    name: short, as in --json. title: what it is, and the files that identify it. page: its name in the table of tracker/README.md.
     matches: whether a folder holds it.
-    read: the reader of a recording, with `strict` of open_recording; None for a sequence of pilsim, and for UTIAS, which has robots alone.
+    read: the reader of a recording, with `strict` of open_recording; None for a sequence of pilsim, and for UTIAS, which has only robots.
     calibration: the file or folder with the cameras of a recording. export: the export of a sequence of pilsim, or None.
     """
 
@@ -109,7 +109,7 @@ SOURCES = (
         Export("pets", "PETS 2009", pets2009.README, pets2009.export_pets),
     ),
 )
-"""The formats that are opened, in the order in which a folder is compared with them."""
+"""The formats that can be opened, in the order of their tests on a folder."""
 WRITTEN = {
     "MOT15, 2-D and 3-D": Export("mot15", "MOTChallenge 2015, 2-D and 3-D", motchallenge.README15, motchallenge.export_mot15),
     "MOT17, MOT20": Export("mot17", "MOTChallenge 2017", motchallenge.README17, motchallenge.export_mot17),

@@ -1,4 +1,4 @@
-"""How a source is read: which cameras and frames, and which detections."""
+"""Options for reading a source: cameras, frames and detections."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from tracker.recordings.degradation import BoxNoise, Degradation
 
 @dataclass(frozen=True, eq=False)
 class SourceOptions:
-    """How a source is read.
+    """Options for reading a source.
 
-    cameras: names, or numbers at their ends, as 5 for View_005; empty for all. detections: camera → another MOT15 file of its detections; the
-    camera "" stands for a folder with a file CAMERA.txt for each. frames: the first one and the end, as in Python's slices; None for all.
-    degradation: of all detections, with a seed. images: whether images are read, too. projected: the errors of boxes that are projected from the
-    truth in place of the detections, None for the detections. pixels: whether people are found in the images alone, so that no boxes are needed.
-    offsets: of the cameras' clocks, as --offsets has them, "" for none.
+    cameras: names, or the numbers at their ends, as 5 for View_005; empty for all. detections: camera → a MOT15 file that replaces its detections;
+    the key "" holds a folder with files CAMERA.txt. frames: the first frame and the end (excluded), as in Python's slices; None for all.
+    degradation: errors added to all detections, drawn with `seed`. images: whether images are read, too. projected: errors of boxes that are
+    projected from the truth and replace the detections, or None. pixels: whether people are detected in the images, so that no boxes are needed.
+    offsets: clock offsets of the cameras, in the syntax of --offsets; "" for none.
     """
 
     cameras: tuple[str, ...] = ()
@@ -47,7 +47,7 @@ class SourceOptions:
         """Parse command line options. detections: each CAMERA=FILE, or one folder. degrade: see Degradation.parse. cameras: as C1,C3. frames: A:B.
         project: see BoxNoise.parse.
 
-        Raises ValueError for an invalid value, and for a file or folder of detections that is not there.
+        Raises ValueError for an invalid value, and for a file or folder of detections that does not exist.
         """
         if seed < 0:
             raise ValueError(f"--seed is {seed}, needs 0 or more")
@@ -61,7 +61,7 @@ class SourceOptions:
         return SourceOptions(*read, Degradation.parse(degrade), seed, images or pixels, noise, pixels, offsets)
 
     def to_run(self) -> dict[str, Any]:
-        """As entries of run.json; none for the default. Images are left out, since scores do not need them."""
+        """The options as entries of run.json; defaults have no entry. `images` is left out, because scores do not need images."""
         out: dict[str, Any] = {}
         if self.cameras:
             out["cameras"] = list(self.cameras)
@@ -82,7 +82,7 @@ class SourceOptions:
         return out
 
     def detection_files(self, cameras: list[str]) -> dict[str, Path]:
-        """Camera → its other file of detections, those of a folder included. Raises ValueError for a camera that is not in `cameras`."""
+        """Camera → the file that replaces its detections, given by name or in a folder. Raises ValueError for a camera that is not in `cameras`."""
         named = {camera_named(text, cameras): file for text, file in self.detections.items() if text}
         folder = self.detections.get("")
         if folder is None:
@@ -94,12 +94,13 @@ class SourceOptions:
 
     @staticmethod
     def of_run(run: Mapping[str, Any]) -> SourceOptions:
-        """The options that to_run wrote, or pilsim 0.3.0 with its numbers of views. Raises ValueError for other content."""
+        """The options that to_run wrote. View numbers of pilsim 0.3.0 are read as cameras. Raises ValueError for other content."""
         fields = JsonObject(dict(run), "run.json")
         cameras, detections, views = (fields.maybe(name, list) or [] for name in ("cameras", "detections", "views"))
-        degrade, frames = (fields.maybe(name, str) or "" for name in ("degrade", "frames_read"))
+        degrade, frames, offsets = (fields.maybe(name, str) or "" for name in ("degrade", "frames_read", "offsets"))
         project, pixels, names = fields.maybe("project", str), run.get("detector") == "pixels", ",".join(map(str, cameras or views))
-        return SourceOptions.parse(map(str, detections), degrade, fields.maybe("seed", int) or 0, names, frames, project=project, pixels=pixels)
+        seed = fields.maybe("seed", int) or 0
+        return SourceOptions.parse(map(str, detections), degrade, seed, names, frames, project=project, pixels=pixels, offsets=offsets)
 
 
 def _names(text: str) -> tuple[str, ...]:
@@ -126,7 +127,7 @@ def _files(texts: Iterable[str]) -> dict[str, Path]:
 
 
 def parse_frames(text: str, option: str = "--frames") -> tuple[int, int | None]:
-    """The first frame and the end, left out of them, of A:B or A:, counted from 0. Raises ValueError that names the option."""
+    """The first frame and the end (excluded) of A:B or A:, counted from 0. Raises ValueError that names the option."""
     first, colon, end = text.partition(":")
     try:
         cut = int(first or 0), int(end) if end else None
@@ -138,7 +139,7 @@ def parse_frames(text: str, option: str = "--frames") -> tuple[int, int | None]:
 
 
 def camera_named(text: str, names: Iterable[str]) -> str:
-    """The one of `names` that is `text`, or that ends in the number `text`. Raises ValueError with all names where there is not exactly one."""
+    """The name that equals `text` or ends in the number `text`. Raises ValueError with all names where not exactly one matches."""
     known = list(names)
     if text in known:
         return text

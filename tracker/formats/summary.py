@@ -30,7 +30,7 @@ SEEN = 0.2
 def summarize(folder: Path) -> dict[str, Any]:
     """Summarize a source as JSON values. Checksums are not verified.
 
-    Of sequences of pilsim: `sequences`, a list with one entry each, and `total`. Of a recording and of UTIAS: `format` and its figures.
+    Sequences of pilsim give `sequences`, a list with one entry each, and `total`. A recording or a UTIAS set gives `format` and its figures.
     Raises ValueError with the path for missing or invalid content.
     """
     if not is_pilsim(folder):

@@ -48,9 +48,10 @@ def set_ints(instance: object, name: str, shape: tuple[int, ...]) -> None:
 
 def check_unit(bearing: Array, name: str) -> None:
     """Raises ValueError where a row of `bearing` (n, 3) differs from length 1 by more than 1e-6."""
-    error = np.abs(np.linalg.norm(bearing, axis=1) - 1)
+    length = np.linalg.norm(bearing, axis=1)
+    error = np.abs(length - 1)
     if error.size and error.max() > 1e-6:
-        raise ValueError(f"{name} has length {1 + error.max():.6g} off 1, needs unit directions")
+        raise ValueError(f"{name} has length {length[np.argmax(error)]:.9g}, needs 1")
 
 
 def check_covariance(covariance: Array, name: str) -> None:

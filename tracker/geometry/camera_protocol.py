@@ -17,7 +17,7 @@ OPTICAL_FROM_CAMERA = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0
 OPTICAL_FROM_CAMERA.flags.writeable = False
 
 MAX_SIDE = 1 << 15
-"""px. A file of unknown origin that claims a larger image would take the memory."""
+"""px. A larger image, claimed by a file of unknown origin, would exhaust the memory."""
 
 
 class Camera(Protocol):
@@ -36,11 +36,11 @@ class Camera(Protocol):
 
     @property
     def wraps(self) -> bool:
-        """Whether the left edge of the image continues its right edge. The columns are then those of a full turn: azimuth = π − 2πu/W."""
+        """Whether the left edge of the image continues its right edge. The columns then span a full turn: azimuth = π − 2πu/W."""
         ...
 
     def bearings_from_pixels(self, pixels: ArrayLike) -> Array:
-        """(n, 2) pixels u, v → (n, 3) unit directions, finite for pixels outside the image and for blind ones too."""
+        """(n, 2) pixels u, v → (n, 3) unit directions, finite also for pixels outside the image and for blind pixels."""
         ...
 
     def pixels_from_bearings(self, bearings: ArrayLike) -> tuple[Array, Mask]:
@@ -48,7 +48,7 @@ class Camera(Protocol):
         ...
 
     def blind(self, pixels: ArrayLike) -> Mask:
-        """(n, 2) pixels → (n,) whether no direction has that pixel, since it lies beyond the fold of the lens."""
+        """(n, 2) pixels → (n,) whether no direction projects to each pixel, for instance outside the round image of a fisheye lens."""
         ...
 
 

@@ -1,9 +1,9 @@
 """Camera models, from pixels to unit directions and back.
 
-Panorama (equirectangular) and Cylinder stand in panoramas.py, Pinhole and Fisheye (as OpenCV has them) in lenses.py, Tsai in tsai.py.
+`panoramas.py` holds Panorama (equirectangular) and Cylinder, `lenses.py` OpenCV's Pinhole and Fisheye, and `tsai.py` Tsai.
 
 The frame of a camera is that of a body: x forward, y left, z up. Only pinhole and fisheye models use the optical frame (x right, y down, z forward).
-Pixel centres lie at +½ in panoramic images, and at whole numbers in the others, as OpenCV and Tsai's calibration files define.
+Pixel centres lie at +½ in panoramic images, and at whole numbers in the other models, as OpenCV and Tsai's calibration files define.
 """
 
 from tracker.geometry.camera_protocol import OPTICAL_FROM_CAMERA, Camera

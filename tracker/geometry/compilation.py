@@ -1,7 +1,8 @@
 """Compilation of kernels by numba, with a cache on disk where one can be written.
 
 Numba refuses to cache where neither the folder of the source nor the home of the user can be written, as in containers.
-Numba's caches notice a change in the file of a function alone. These also notice one in the kernels and numbers that its file imports.
+Numba's cache detects changes only in the function's own file. This cache also detects changes in imported kernels, and in constants that
+the function uses, itself or in kernels of its own file.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import multiprocessing
 import os
 import tempfile
 from collections.abc import Callable
+from functools import cached_property
 from pathlib import Path
 from time import monotonic
 from typing import Any, TypeVar, cast
@@ -24,18 +26,18 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 SILENT = 3.0
-"""s of compilation without a word."""
+"""s of compilation before a message is logged."""
 
 
 class _Compiling:
-    """Says once that functions are being compiled, where that takes longer than SILENT s; in the first process alone."""
+    """Logs once that functions are being compiled, if that takes longer than SILENT s. Only the main process logs it."""
 
     def __init__(self) -> None:
         self._began: float | None = None
         self._said = False
 
     def say(self) -> None:
-        """Another function is not in the cache."""
+        """Call it for each function that is not in the cache."""
         self._began = monotonic() if self._began is None else self._began
         if not self._said and monotonic() - self._began > SILENT and multiprocessing.parent_process() is None:
             self._said = True
@@ -50,8 +52,17 @@ class RepairedCache(FunctionCache):
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
-        self.stamp = self._impl.locator.get_source_stamp(), _imported(function)
-        self._cache_file = IndexDataCacheFile(self._cache_path, self._impl.filename_base, self.stamp)
+        self._function = function
+        del self._cache_file
+
+    @cached_property
+    def stamp(self) -> tuple[Any, ...]:
+        """Stamp of the source. It is made at the first use, when the kernels below the function in its file are defined, too."""
+        return self._impl.locator.get_source_stamp(), _imported(self._function)
+
+    @cached_property
+    def _cache_file(self) -> IndexDataCacheFile:  # type: ignore[override]
+        return IndexDataCacheFile(self._cache_path, self._impl.filename_base, self.stamp)
 
     def load_overload(self, signature: Any, context: Any) -> Any:
         """The compiled function of a signature, None where there is none."""
@@ -92,11 +103,23 @@ def njit(cache: bool = False, **options: Any) -> Callable[[Function], Function]:
 
 
 def _imported(function: Callable[..., Any]) -> tuple[Any, ...]:
-    """What the compiled code of a function depends on outside its file: the stamps of kernels that its file imports, and numbers that it uses."""
-    names, known = set(function.__code__.co_names), sorted(function.__globals__.items())
+    """Dependencies of a function's compiled code: the stamps of the kernels that its file imports, and the constants of _names_used."""
+    names, known = _names_used(function), sorted(function.__globals__.items())
     kernels = [value for _, value in known if isinstance(value, Dispatcher) and value.py_func.__module__ != function.__module__]
     stamps = tuple((kernel.py_func.__module__, getattr(vars(kernel).get("_cache"), "stamp", None)) for kernel in kernels)
     return stamps, tuple((name, repr(value)) for name, value in known if name in names and isinstance(value, (bool, int, float, tuple)))
+
+
+def _names_used(function: Callable[..., Any]) -> set[str]:
+    """Global names that a function uses, itself or in kernels of its file that it calls."""
+    names: set[str] = set()
+    left = [function]
+    while left:
+        new = set(left.pop().__code__.co_names) - names
+        names |= new
+        found = (function.__globals__.get(name) for name in new)
+        left += [kernel.py_func for kernel in found if isinstance(kernel, Dispatcher) and kernel.py_func.__module__ == function.__module__]
+    return names
 
 
 def _cache_of(function: Callable[..., Any]) -> RepairedCache | None:
@@ -110,7 +133,7 @@ def _cache_of(function: Callable[..., Any]) -> RepairedCache | None:
         user = getattr(os, "getuid", int)()
         folder = Path(tempfile.gettempdir(), f"pilsim-numba-{user}")
         folder.mkdir(mode=0o700, exist_ok=True)
-        # A cache holds code: a folder that somebody else made under this name is not used.
+        # A cache holds code: a folder of this name that another user owns is not used.
         if folder.stat().st_uid != user:
             return None
         settings["CACHE_DIR"] = str(folder)

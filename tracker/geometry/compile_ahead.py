@@ -1,7 +1,7 @@
 """Compilation of the tracker's kernels before they are needed, by other processes, into numba's cache on disk.
 
 `kernels.json` lists each kernel that the tracker calls from Python, with the types of its arguments. `compiling` starts the processes.
-The compiled code is the same as that of the first call, and so are all results.
+The compiled code, and so every result, is the same as without `compiling`.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def type_of(text: str | list[Any]) -> Any:
 
 
 def missing() -> list[int]:
-    """The numbers of listed kernels whose cache is absent, or older than their file. Kernels that cannot be cached are left out."""
+    """Numbers in the list of the kernels whose cache is absent, or older than their file. Kernels that cannot be cached are left out."""
     return [number for number, (kernel, _) in enumerate(listed()) if kernel.stats.cache_path is not None and not _is_cached(kernel)]
 
 
@@ -62,26 +62,26 @@ def _is_cached(kernel: Any) -> bool:
 def compile_listed(numbers: list[int], parent: int) -> None:
     """Compile kernels by their numbers in the list. The call ends early where the process `parent` is no longer the parent of this one."""
     kernels = listed()
-    # The compiler makes many objects that live long. Garbage collection visits the modules never, and these seldom.
+    # The compiler makes many long-lived objects. Garbage collection skips the modules (frozen), and runs rarely for these objects.
     gc.freeze()
     gc.set_threshold(20_000, 10, 50)
     for kernel, arguments in (kernels[number] for number in numbers):
         if os.getppid() != parent:
             return
-        # A kernel that cannot be compiled here is left to the process that needs it, which says why.
+        # A kernel that cannot be compiled here is left to the process that needs it, which reports the error.
         with suppress(Exception):
             kernel.compile(arguments)
 
 
 @contextmanager
 def compiling(processes: int) -> Iterator[list[subprocess.Popen[bytes]]]:
-    """Other processes compile what is missing during this context. Yields them: wait for all before the tracker starts.
+    """Compile the missing kernels in other processes during this context. Yields the processes: wait for all before the tracker starts.
 
-    processes: their number at most; none is started where nothing is missing. Those that still run at the end are killed.
+    processes: the most to start; more than two are never started, and none if no kernel is missing. Processes that still run at the end are killed.
     """
     numbers = missing() if processes > 0 else []
     rows = json.loads(LISTED.read_text())
-    # Kernels of one package call the same others, which one process compiles once.
+    # Kernels of one package call the same functions, which one process compiles only once.
     large = [number for number in numbers if rows[number][0].startswith("tracker.mht")]
     shares = [large, sorted(set(numbers) - set(large))] if processes > 1 else [numbers]
     started = []

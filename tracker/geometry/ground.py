@@ -20,7 +20,7 @@ BLOCK = 4
 def inside_area(points: ArrayLike, area: Array | None) -> Mask:
     """Points (n, 2 or more) m → (n,) whether each lies in the area (2, 2) m, lowest and highest x, y, or on its edge.
 
-    All do where there is no area. A point that is NaN does not.
+    Without an area (None), every finite point lies inside. A NaN point never does.
     """
     xy = np.asarray(points, dtype=np.float64)[:, :2]
     inside = np.isfinite(xy) if area is None else (xy >= area[0]) & (xy <= area[1])
@@ -65,7 +65,7 @@ class Flat:
 class Grid:
     """Heights (rows, columns) m on a square grid: row 0 at the lowest y, column 0 at the lowest x; origin (2,) m; spacing m.
 
-    Between grid points each cell is two triangles, split along (i, j) → (i+1, j+1), as MuJoCo's height field has it.
+    Between grid points each cell is two triangles, split along (i, j) → (i+1, j+1), as in MuJoCo's height field.
     """
 
     heights: Array
@@ -79,12 +79,12 @@ class Grid:
             raise ValueError(f"grid {self.heights.shape} with spacing {self.spacing} m, needs at least 2 x 2 and more than 0 m")
 
     def height_at(self, points: ArrayLike) -> Array:
-        # A copy: one kind of array, so that the kernel is compiled once.
+        # A copy: the array type is always the same, so that the kernel is compiled once.
         p = np.array(np.asarray(points, dtype=np.float64)[:, :2], order="C")
         return np.asarray(_heights(self.heights, self.origin, self.spacing, p))
 
     def intersect(self, origins: ArrayLike, directions: ArrayLike, limit: float, until: Array | None = None) -> tuple[Array, Mask]:
-        """The exact first intersection, found by stepping along the edges of the triangles: between two edges the height above ground is linear.
+        """The exact first intersection, found by stepping from edge to edge of the triangles. Between two edges the height above ground is linear.
 
         A ray that begins on or under the ground meets it at its origin, unless it is above the ground at the next edge.
         Raises ValueError for a limit that is not finite.
@@ -92,7 +92,7 @@ class Grid:
         if not np.isfinite(limit):
             raise ValueError(f"limit is {limit} m, needs to be finite")
         o, d = (np.ascontiguousarray(v, dtype=np.float64).view() for v in (origins, directions))
-        # One kind of array, so that the kernel is compiled once.
+        # Always read-only: the array type is always the same, so that the kernel is compiled once.
         o.flags.writeable = d.flags.writeable = False
         end = np.full(len(o), float(limit)) if until is None else np.minimum(until, float(limit))
         distance = _march(self.heights, self._peaks, self.origin, self.spacing, o, d, float(limit), end)
@@ -132,9 +132,9 @@ def _heights(heights: Array, origin: Array, spacing: float, points: Array) -> Ar
 def _march(heights: Array, peaks: Array, origin: Array, spacing: float, origins: Array, directions: Array, limit: float, until: Array) -> Array:
     """Distance along each ray (n,) m to the ground, −1 where the ray does not meet it within `limit` m.
 
-    A ray steps over the lines x whole, y whole and x − y whole (the diagonals) of a grid with unit cells. It is followed up to the first of them that
-    is not nearer than `until` (n,) m, which is `limit` at most. A ray skips the blocks over whose peaks it passes. This changes no result, since
-    `peaks` (Grid._peaks) are those of the next cell, too.
+    A ray steps from line to line of a grid with unit cells: integer x, integer y and integer x − y (the diagonals). It is followed up to the first
+    line at a distance of `until` (n,) m or more; `until` is at most `limit`. A ray skips the blocks whose peak it passes above. This changes no
+    result, since `peaks` (Grid._peaks) include the neighbouring cells.
     """
     out, top = np.full(len(origins), -1.0), peaks.max() + 1e-6
     start, rate, line = np.empty(3), np.empty(3), np.empty(3)
@@ -148,7 +148,7 @@ def _march(heights: Array, peaks: Array, origin: Array, spacing: float, origins:
         rate[0], rate[1], rate[2] = dx / spacing, dy / spacing, (dx - dy) / spacing
         for axis in range(2):
             block[axis] = min(max(int(np.floor((start[axis] + high * rate[axis]) / BLOCK)), 0), peaks.shape[1 - axis] - 1)
-        step = 1 / max(abs(rate[0]), abs(rate[1]), 1e-9)  # m, to the next x or y whole
+        step = 1 / max(abs(rate[0]), abs(rate[1]), 1e-9)  # m, at most, to the next integer x or y
         face, end, landed, clearance = -1, high, True, 0.0
         while True:
             while end <= high < until[n]:

@@ -15,7 +15,7 @@ from tracker.geometry.poses import Pose
 def box_overlaps(a: Array, b: Array, period: float | None = None) -> Array:
     """IoU (n, m) of boxes (n, 4) and (m, 4): left, top, right, bottom px.
 
-    period: width of an image that wraps; each pair is taken where it is nearest.
+    period: width px of an image that wraps; each pair is compared at the turn at which the boxes are nearest.
     """
     shift = None
     if period is not None:
@@ -25,7 +25,7 @@ def box_overlaps(a: Array, b: Array, period: float | None = None) -> Array:
 
 
 def paired_overlaps(a: Array, b: Array) -> Array:
-    """IoU (n,) of each two boxes (n, 4) of the same row."""
+    """IoU (n,) of boxes a (n, 4) and b (n, 4), row by row."""
     return _iou(a, b, None)
 
 
@@ -40,15 +40,15 @@ def _iou(a: Array, b: Array, shift: Array | None) -> Array:
 
 
 CORNERS = 16
-"""Points around each end of the cylinder that stands for a body."""
+"""Points around each end of the cylinder that models a body."""
 LEAST_VISIBLE = 0.25
 """Bodies of which a smaller share of the box lies in the image have no box."""
 
 
 def body_boxes(camera: Camera, T_world_camera: Pose, feet: Array, body: tuple[float, float] = (1.75, 0.5)) -> Array:
-    """Boxes (m, 4) left, top, width, height px of the bodies in the image, of bodies at feet (k, 3) m, world.
+    """Boxes (m, 4) left, top, width, height px of the bodies in the image, out of bodies at feet (k, 3) m, world.
 
-    body: height and width, m, of an upright cylinder. Bodies with a point that the camera cannot project (behind it, or beyond the fold) have none.
+    body: height and width, m, of an upright cylinder. Bodies with a point that the camera cannot project (behind it, or beyond the fold) have no box.
     Boxes of panoramas have left in [0, W), and left + width may exceed W.
     """
     _, low, high = body_outlines(camera, T_world_camera, feet, body)
@@ -59,11 +59,11 @@ def body_boxes(camera: Camera, T_world_camera: Pose, feet: Array, body: tuple[fl
 
 
 def body_outlines(camera: Camera, T_world_camera: Pose, feet: Array, body: tuple[float | Array, float] = (1.75, 0.5)) -> tuple[Ints, Array, Array]:
-    """Outlines of bodies, also where they lie beyond the image: rows (m,) of `feet`, and lowest and highest corner (m, 2) px of each.
+    """Bounding boxes of bodies, not clipped to the image: rows (m,) of `feet`, and lowest and highest corner (m, 2) px of each.
 
     feet (k, 3) m, world. body: height, of all or (k,), and width, m, of upright cylinders.
     Bodies with a point that the camera cannot project are left out.
-    Outlines in panoramas are not brought into [0, W).
+    Columns in panoramas are not wrapped into [0, W).
     """
     height, width = body
     around = np.linspace(0, 2 * np.pi, CORNERS, endpoint=False)
@@ -85,7 +85,7 @@ def body_outlines(camera: Camera, T_world_camera: Pose, feet: Array, body: tuple
 
 
 def clipped(low: Array, high: Array, camera: Camera) -> Array:
-    """Corners low and high (n, 2) px → edges left, top, right, bottom (n, 4) px of the part in the image; panoramas have no left and right end."""
+    """Corners low and high (n, 2) px → edges left, top, right, bottom (n, 4) px of the part in the image. In panoramas only rows are clipped."""
     first = camera.pixel_centre - 0.5
     least, most = np.array([first, first]), np.array([first + camera.width, first + camera.height])
     if camera.wraps:

@@ -1,7 +1,7 @@
 """OpenCV's two camera models: the pinhole with radial and tangential distortion, and the fisheye. Pixel centres lie at whole numbers.
 
-A radial distortion r ↦ r (1 + k₁ r² + k₂ r⁴ + …) grows up to its fold, where its derivative is 0. Two directions share a pixel beyond the fold.
-So directions beyond it have no pixel (NaN). Pixels beyond the image of the fold are blind: no direction has them.
+A radial distortion r ↦ r (1 + k₁ r² + k₂ r⁴ + …) grows up to its fold, where its derivative is 0. Beyond the fold two directions would share a pixel.
+So directions beyond it have no pixel (NaN). Pixels beyond the image of the fold are blind: no direction projects to them.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from tracker.geometry.arrays import Array, Mask
 from tracker.geometry.camera_protocol import OPTICAL_FROM_CAMERA, check_size
 
 DIRECTIONS = 90
-"""Directions from the principal point in which the fold of a lens with tangential distortion is looked for."""
+"""Directions from the principal point in which the fold of a lens with tangential distortion is sought."""
 BORDER_POINTS = 33
 """Points along each side of the image at which the fold is checked."""
 FOCAL, PRINCIPAL, DISTORTION = (1e-3, 1e9), 1e9, 1e6
-"""Bounds of fx and fy px, of |cx| and |cy| px, and of distortion numbers. No lens comes near; the bounds keep powers finite."""
+"""Bounds of fx and fy px, of |cx| and |cy| px, and of distortion numbers. No real lens comes near them; they keep powers finite."""
 ITERATIONS = 100
-"""Most Newton steps, the bisections among them included. Near the fold each step halves the error only."""
+"""Most Newton steps, bisections included. Near the fold a step only halves the error."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ class Pinhole(LensCamera):
         return xx, cross * x * y + 2 * p1 * x + 2 * p2 * y, yy
 
     def _undistorted(self, plane: Array) -> tuple[Array, Mask]:
-        """Solve _distorted(points) = plane (n, 2) in the disc of the fold; points beyond it lie on, and are marked False."""
+        """Solve _distorted(points) = plane (n, 2) in the disc of the fold. Points beyond it are extrapolated, and marked False."""
         k1, k2, p1, p2, k3 = self.distortion
         length = np.hypot(plane[:, 0], plane[:, 1])
         radius, solved = grown_root((k1, k2, k3), length, self.fold)
@@ -221,7 +221,7 @@ class Fisheye(LensCamera):
 
     A direction at θ rad from the axis is at θ (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸) from (cx, cy), at focal length 1 (Kannala and Brandt 2006, eq. 6).
     The model holds for fields of more than 180°: θ goes up to π, or to the fold. OpenCV itself stops at 90°.
-    Pixels beyond that are blind, as the corners around the round image of such a lens are.
+    Pixels beyond the fold are blind, such as the corners around the round image of the lens.
     field_of_view: rad, the angle of the cone that the lens sees; pixels outside of its round image are blind, too.
     Raises ValueError where the distortion folds within the image at less than 90° from the axis, and for a field of view outside (0, 2π].
     """
@@ -245,7 +245,7 @@ class Fisheye(LensCamera):
 
     @property
     def farthest(self) -> float:
-        """Angle from the axis, rad, up to which the lens sees: that of the fold, or half the field of view."""
+        """Angle from the axis, rad, up to which the lens sees: the smaller of `fold` and half the field of view."""
         return min(self.fold, self.field_of_view / 2)
 
     def _rays(self, plane: Array) -> tuple[Array, Mask]:
@@ -272,7 +272,7 @@ def fold_of(coefficients: tuple[float, ...]) -> float:
 def grown_root(coefficients: tuple[float, ...], value: Array, fold: float) -> tuple[Array, Mask]:
     """Solve r (1 + k₁ r² + k₂ r⁴ + …) = value (n,) ≥ 0 for r in [0, fold], by Newton's method with bisection where it leaves its bracket.
 
-    Where value is beyond that of the fold, r goes on from the fold as value does, and the mask is False.
+    Where value exceeds that of the fold, r continues from the fold with slope 1, and the mask is False.
     """
     if not any(coefficients) and not np.isfinite(fold):
         return value.copy(), np.ones(len(value), dtype=np.bool_)

@@ -1,4 +1,4 @@
-"""Panoramic cameras, whose columns are those of a full turn: the equirectangular panorama and the cylinder. Pixel centres lie at +½."""
+"""Panoramic cameras, whose columns span a full turn: the equirectangular panorama and the cylinder. Pixel centres lie at +½."""
 
 from __future__ import annotations
 

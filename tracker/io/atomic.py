@@ -1,4 +1,4 @@
-"""Atomic writing of files and folders: they are written under a temporary name, then renamed. What cannot be finished is kept and named."""
+"""Atomic writing of files and folders: under a temporary name, then renamed. Output that cannot be finished is kept, and the error names it."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from typing import final
 INSIDE = ".partial"
 """Name of the temporary folder inside a folder that exists already."""
 LOCK = ".lock"
-"""Name of the lock of a folder, in it; `file_lock.py` uses it. Names that begin with it and a point belong to the lock, too."""
+"""Name of the lock file in a folder (`file_lock.py`). Names that begin with it and a dot belong to the lock, too."""
 LAST = ("README.md", "manifest.json", "run.json")
 """Files that mark a folder as complete, in the order in which they move into an existing folder after all others."""
 
 
 @final
 class Kept(OSError):  # noqa: N818  the name states the condition; the message is one line for the user
-    """An output could not be finished. The message names the place of what was made."""
+    """An output could not be finished. The message names the place of the unfinished output."""
 
     @staticmethod
     def of(error: Exception, place: Path, what: str = "what was made") -> Kept:
-        """The same error, with the place of what was made in its message. place: a folder or a file."""
+        """The same error, with the place of the unfinished output in its message. place: a folder or a file."""
         text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         message = f"{text}; {what} is in {place}"
         if not isinstance(error, OSError) or error.errno is None:
@@ -55,7 +55,7 @@ def unfinished_path(path: Path) -> Path:
 
 
 def begin_folder(path: Path) -> Path:
-    """Make an empty temporary folder for `path` and return it. What an interrupted run left, in `path` or beside it, is removed."""
+    """Make an empty temporary folder for `path` and return it. Leftovers of an interrupted run, in `path` or beside it, are removed."""
     partial = unfinished_path(path)
     discard_folder(partial)
     discard_folder(partial_path(path))
@@ -84,7 +84,7 @@ def new_folder(path: Path) -> Iterator[Path]:
     """Yields an empty temporary folder. It becomes `path` when the block ends, and is removed when the block fails.
 
     An empty folder `path` stays and is filled, since it may be a mount point or a link, which cannot be replaced.
-    What an interrupted run left under the temporary name is removed first. Raises ValueError where `path` exists and is no empty folder.
+    Leftovers of an interrupted run under the temporary name are removed first. Raises ValueError where `path` exists and is no empty folder.
     Raises Kept for an OSError, for instance of a full disk: the temporary folder stays.
     """
     if not is_free(path):
@@ -148,7 +148,7 @@ def new_file(path: Path) -> Iterator[Path]:
         try:
             partial.replace(target)
         except OSError as error:
-            # EBUSY: the file is a mount point, as a file that is given to a container. EXDEV: it lies on another file system.
+            # EBUSY: the file is a mount point, such as a file mounted into a container. EXDEV: it lies on another file system.
             if error.errno not in (errno.EBUSY, errno.EXDEV):
                 raise
             shutil.copyfile(partial, target)
@@ -161,5 +161,5 @@ def new_file(path: Path) -> Iterator[Path]:
 def write_text(path: Path, text: str) -> None:
     """Write UTF-8 text without conversion of line ends, and replace an existing file. A failure leaves that file as it is."""
     with new_file(path) as partial:
-        # Under a locale of ASCII, Python gives the name of a file surrogates for other bytes, which become those bytes again.
+        # In an ASCII locale, Python decodes other bytes of a file name to surrogates. They are written as the same bytes.
         partial.write_text(text, encoding="utf-8", errors="surrogateescape", newline="\n")

@@ -1,4 +1,4 @@
-"""Tables: CSV with a header and compressed NPZ, and the terrain in such a file, read with the file and line of every error."""
+"""Tables as CSV with a header or as compressed NPZ, and terrain as NPZ. Errors of CSV files name the file and the line."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ _QUOTED = re.compile(r"[\"\r]|\n.")
 BLOCK = 4096
 """Rows of a table that are parsed at once."""
 LARGEST_WHOLE = 2**53
-"""Readers that hold numbers as floats know whole numbers below this exactly."""
+"""Floats represent whole numbers below this exactly."""
 LARGEST_ARRAYS = 1 << 28
-"""Bytes. While an array is read, it takes three times as much."""
+"""Bytes. Reading an array takes three times as much memory."""
 
 
 def write_table(path: Path, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
@@ -118,7 +118,7 @@ def read_terrain(path: Path) -> tuple[Grid, Grid]:
 def read_table(path: Path, columns: Mapping[str, type]) -> dict[str, NDArray[Any]]:
     """Read a table that must have exactly these columns (name → int, float or str) in this order → name → array.
 
-    Blanks around cells and blank lines do not count. Raises ValueError "path:line: …" for other columns, a row of another length, and for a cell
+    Blanks around cells and blank lines are ignored. Raises ValueError "path:line: …" for other columns, a row of another length, and for a cell
     that is no finite number.
     """
     return read_numbered_table(path, columns)[1]
@@ -136,7 +136,7 @@ def read_numbered_table(path: Path, columns: Mapping[str, type]) -> tuple[list[i
 
 
 def _parsed(path: Path, columns: Mapping[str, type], rows: Iterator[tuple[int, list[str]]]) -> tuple[list[int], dict[str, NDArray[Any]]]:
-    """Lines and columns of rows, which are cells with the number of their line."""
+    """Line numbers and columns of a table. rows: line number and cells of each row."""
     numbers: list[int] = []
     parts: list[list[NDArray[Any]]] = [[np.array([], dtype=str if kind is str else None)] for kind in columns.values()]
     while block := list(islice(rows, BLOCK)):
@@ -148,14 +148,14 @@ def _parsed(path: Path, columns: Mapping[str, type], rows: Iterator[tuple[int, l
         numbers += [n for n, _ in block]
         for part, array in zip(parts, arrays, strict=True):
             part.append(array)
-    # The empty array is left out where there are others, whose type counts.
+    # The empty array is used only without rows: its type would change that of the others.
     return numbers, {name: np.concatenate(part[1:] or part) for name, part in zip(columns, parts, strict=True)}
 
 
 def read_rows(path: Path, columns: Sequence[str], whole: Container[str] = (), separator: str | None = ",", comment: str = "") -> tuple[Ints, Array]:
     """The lines (n,) and the values (n, columns) of a file of numbers without a header.
 
-    whole: columns of whole numbers. separator: None for blanks. comment: what begins one, "" for a file without.
+    whole: columns of whole numbers. separator: None for blanks. comment: the text that begins a comment, "" for none.
     Raises ValueError "path:line: …" for another number of values, for cells that are no finite number, and for whole numbers of 2^53 or more.
     """
     lines = ((number, text) for number, line in _lines(path) if (text := line.split(comment)[0].strip() if comment else line))
@@ -168,9 +168,9 @@ def read_rows(path: Path, columns: Sequence[str], whole: Container[str] = (), se
 
 
 def check_rows(*rules: tuple[str, NDArray[Any], Mask, str], keys: NDArray[Any]) -> None:
-    """Raises ValueError for the first row, from 0, that breaks a rule or has the key of a row before it: `row K: REASON`.
+    """Raises ValueError for the first row, from 0, that breaks a rule or repeats the key of an earlier row: `row K: REASON`.
 
-    rules: name, values (n,), where they are wrong (n,), and what is needed. keys (n, k): that identify a row; −1 in the second column does not.
+    rules: name, values (n,), where they are wrong (n,), and what is needed. keys (n, k): they identify a row, unless the second column is −1.
     """
     broken = [(int(np.argmax(wrong)), name, values, needed) for name, values, wrong, needed in rules if wrong.any()]
     faults = [(row, f"{name} is {values[row]}, needs {needed}") for row, name, values, needed in broken]
@@ -185,7 +185,7 @@ def check_rows(*rules: tuple[str, NDArray[Any], Mask, str], keys: NDArray[Any]) 
 
 @contextmanager
 def faults_at_lines(path: str | os.PathLike[str], lines: Ints) -> Iterator[None]:
-    """Tells errors of rows, which begin with `row K: `, with the file and the line of that row. lines (n,): of the rows."""
+    """Replaces `row K: ` at the beginning of an error by the file and the line of that row. lines (n,): line number of each row."""
     try:
         yield
     except ValueError as error:

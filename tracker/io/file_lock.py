@@ -1,6 +1,6 @@
 """Locks on outputs: one process writes a folder or a file at a time. The operating system releases a lock when its process ends.
 
-The lock of a folder lies in it. So every path to the folder leads to the same lock, as a link does, and two containers with one volume.
+The lock of a folder is a file in it. So every path to the folder, such as a link or the same volume in another container, has the same lock.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ LONGEST = 200
 """Most characters that are read from the file that names the holder of a lock."""
 _WITHOUT_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP)
 _held: set[tuple[int, str]] = set()
-"""Threads and the real paths of the folders that they hold."""
+"""Pairs of a thread and the real path of a folder that it has locked."""
 
 
 class Locked(ValueError):  # noqa: N818  the name states the condition; the message is one line for the user
@@ -35,9 +35,9 @@ class Locked(ValueError):  # noqa: N818  the name states the condition; the mess
 def folder_lock(folder: Path) -> Iterator[None]:
     """Hold the lock of an output folder during this context. A missing folder is made first, and removed at the end where it is empty then.
 
-    A thread that holds the lock of the folder already shares it.
+    Nested calls of one thread for one folder share the lock.
     Raises Locked (one line) where another process holds it, ValueError where `folder` is a file, and OSError where nothing can be written there.
-    Raises Kept for an OSError in the context where the folder has content then.
+    An OSError in the context becomes Kept where the folder has content then.
     """
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder}: is a file, needs a folder")
@@ -75,7 +75,7 @@ def output_file_lock(file: Path) -> Iterator[None]:
 
 @contextmanager
 def _output_lock(output: Path, folder: Path, name: str) -> Iterator[None]:
-    """Hold the lock `name` in a folder, which is made first, for an output. Errors of the system before that name the output."""
+    """Hold the lock `name` in a folder, which is made first. Errors of the system until then name the output."""
     missing = [each for each in (folder, *folder.parents) if not each.exists()]
     try:
         with ExitStack() as stack:
@@ -97,8 +97,8 @@ def _output_lock(output: Path, folder: Path, name: str) -> Iterator[None]:
 def file_lock(path: Path, wait: bool = False, subject: Path | None = None) -> Iterator[None]:
     """Hold the lock on the file `path` during this context. The file is removed at the end.
 
-    The holder's process, host and time stand in a second file, `path` with `.pid` appended. It serves messages alone: the operating system
-    keeps the lock. Where a file system has no locks, a file that names the holder replaces them.
+    The holder's process, host and time stand in a second file, `path` with `.pid` appended. It only serves messages: the operating system
+    keeps the lock. Where a file system has no locks, the existence of a file (SoftFileLock) replaces them.
 
     wait: wait until the lock is free. Without it, raises Locked (one line) where another process holds the lock. subject: what is locked, for
     messages; the folder where None. Raises FileNotFoundError where the folder does not exist.
@@ -161,14 +161,14 @@ def _holder(holder: Path) -> str:
 
 
 def _warn_of_another_host(holder: Path, subject: Path) -> None:
-    """Say on standard error that another host began to write and did not end: some shared file systems have locks of each host alone."""
+    """Warn on standard error that another host began to write and did not finish: on some shared file systems, locks hold within one host only."""
     words = _words(holder)
     if words and words[1] != socket.gethostname() and sys.stderr is not None:
         print(f"note: {subject}: {_holder(holder)}, did not end its work here; if it still runs, stop one of the two", file=sys.stderr)
 
 
 def _kept(error: OSError, folder: Path) -> OSError:
-    """The error, with the place of what was made where its message does not name it."""
+    """The error, with the place of the unfinished output where its message does not name it."""
     if isinstance(error, Kept):
         return error
     if not folder.is_dir():

@@ -1,4 +1,4 @@
-"""Image files: options and threads of encoding, range images, and decoding: what OpenCV or Pillow decodes is an image."""
+"""Image files: encoding in threads, range images, and decoding by OpenCV, or else by Pillow."""
 
 from __future__ import annotations
 
@@ -22,27 +22,27 @@ from tracker.io.library_messages import library_messages
 ENCODER_THREADS, MAX_WAITING = 2, 24
 """Number of threads that encode images, and how many images may wait for them."""
 RANGE_UNIT = 1 / 256
-"""m per count of a range image. A count of 0 is no surface, or one farther than FARTHEST counts (256 m)."""
+"""m per count of a range image. A count of 0 means no surface, or a surface farther than FARTHEST counts (256 m)."""
 FARTHEST = 65535
 JPEG: list[int] = [cv2.IMWRITE_JPEG_QUALITY, 95]
 _FAST = [cv2.IMWRITE_PNG_COMPRESSION, 1]
 _BY_RUNS = [*_FAST, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
 PNG: list[int] = [*_BY_RUNS, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_SUB]
-"""For images: run lengths take two thirds of the time of zlib's default search, which finds no repeats in noise, for 5 % more bytes."""
+"""For colour images: run-length encoding takes two thirds of the time of zlib's default, which finds no repeats in noise, for 5 % more bytes."""
 RANGE: list[int] = [*_FAST, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP]
 """For range images: one filter for all rows takes half the time of choosing one of five per row, for the same bytes."""
 PNG_RUN_LENGTH: list[int] = [*_BY_RUNS, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP]
-"""For instances: differences of rows are nearly all zero, so that run lengths take a third of the time of OpenCV's default."""
+"""For instance images: nearly all differences of rows are zero, so run-length encoding takes a third of the time of OpenCV's default."""
 PICTURES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 """Suffixes of the image files that are read."""
 MOST_PIXELS = 1 << 25
-"""Of an image of unknown origin: more would take gigabytes in the network."""
+"""Largest image of unknown origin: more pixels would take gigabytes in the detector's network."""
 NO_PICTURE = f"is no image that is read ({', '.join(PICTURES)}), or has far more than {MOST_PIXELS} px"
 DEPTHS = (8, 10, 12, 14, 16)
-"""Bits of an image in 16-bit numbers: the least that hold its largest value."""
+"""Bit depths of an image stored in 16 bits. The smallest that holds its largest value is taken."""
 ORIENTATION = 0x0112
-"""The tag of EXIF."""
-warnings.filterwarnings("ignore", module=r"PIL\.")  # What a library only warns of is no damage.
+"""EXIF tag of the orientation."""
+warnings.filterwarnings("ignore", module=r"PIL\.")  # A file that Pillow only warns of is not damaged.
 
 
 def range_counts(range_m: NDArray[np.float32]) -> NDArray[np.uint16]:
@@ -52,13 +52,13 @@ def range_counts(range_m: NDArray[np.float32]) -> NDArray[np.uint16]:
 
 
 def image_size(data: bytes) -> tuple[int, int] | None:
-    """(height, width) of an image as it is shown, by its header: after the rotation that EXIF asks for. None for what is no image."""
+    """(height, width) of an image by its header, after the rotation of its EXIF orientation. None if the data is no image."""
     header = _header(data)
     return None if header is None else header[:2]
 
 
 def orientation(data: bytes) -> int:
-    """The EXIF orientation of an image, 1 for upright ones and where there is none. Decoding applies it."""
+    """The EXIF orientation of an image, 1 for upright images and without EXIF. Decoding applies it."""
     header = _header(data)
     return 1 if header is None else header[2]
 
@@ -72,7 +72,7 @@ def _header(data: bytes) -> tuple[int, int, int] | None:
             if image.format == "PNG":
                 exif.load(image.info.get("exif", b""))
             turned = int(exif.get(ORIENTATION, 1))
-            # Pillow gives the size of TIFF images as they are shown.
+            # For TIFF, Pillow already gives the rotated size.
             return (width, height, turned) if turned >= 5 and image.format != "TIFF" else (height, width, turned)
     except Exception:  # Pillow raises errors of any kind for damaged headers, and one for sizes far beyond MOST_PIXELS.
         return None
@@ -107,9 +107,11 @@ def _decoded(data: bytes, flag: int) -> NDArray[Any]:
 
 
 def _by_pillow(data: bytes) -> NDArray[Any] | None:
-    """BGR, or None where Pillow cannot decode the image, either."""
+    """BGR, values of 32 bits as they are, or None where Pillow cannot decode the image, either."""
     try:
         with Pillow.open(io.BytesIO(data)) as image:
+            if image.mode in ("F", "I"):
+                return np.asarray(image)  # Pillow would cut such values off at 255.
             return np.asarray(ImageOps.exif_transpose(image).convert("RGB"))[:, :, ::-1]
     except Exception:  # As above.
         return None
@@ -118,7 +120,7 @@ def _by_pillow(data: bytes) -> NDArray[Any] | None:
 def decode_picture(data: bytes) -> Image:
     """An image of unknown origin as (H, W, 3) RGB of 8 bits, upright by its EXIF orientation.
 
-    Raises ValueError as decode_image, and for more than MOST_PIXELS pixels.
+    Raises ValueError as decode_image, for more than MOST_PIXELS pixels, and for values of 32 bits.
     """
     size = image_size(data)
     if size is None:
@@ -126,11 +128,13 @@ def decode_picture(data: bytes) -> Image:
     if size[0] * size[1] > MOST_PIXELS:
         raise ValueError(f"is {size[1]} x {size[0]} px, needs at most {MOST_PIXELS} px")
     image = _decoded(data, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+    if image.dtype.kind == "f" or image.dtype.itemsize > 2:
+        raise ValueError(f"is an image of {image.dtype} values, needs 8 or 16 bits")
     return np.ascontiguousarray(eight_bits(image)[:, :, ::-1])
 
 
 def eight_bits(image: NDArray[Any]) -> NDArray[np.uint8]:
-    """An image of 8 or 16 bits → 8 bits. Cameras of 10, 12 and 14 bits leave the upper ones of 16 empty: the largest value tells."""
+    """An image of 8 or 16 bits → 8 bits. Cameras of 10, 12 and 14 bits leave the upper bits of 16 empty; the largest value gives the depth."""
     if image.dtype == np.uint8:
         return image
     most = int(image.max(initial=0))
@@ -139,7 +143,7 @@ def eight_bits(image: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 class ImageWriter:
-    """Encodes images and writes them below a folder in threads. OpenCV releases the interpreter lock meanwhile.
+    """Encodes images and writes them below a folder in threads. OpenCV releases Python's global lock meanwhile.
 
     checksums: name → SHA-256 and size in bytes of every file, complete once `wait` has returned.
     """

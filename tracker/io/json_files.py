@@ -18,12 +18,12 @@ from tracker.io.text_files import LARGEST_NUMBER, not_utf8, shown
 LARGEST_JSON = 1 << 27
 """Bytes."""
 DEEPEST = 100
-"""Most values within each other. Python's own limit depends on the place of the call, and what walks over a value has one, too."""
+"""Deepest nesting of values. Python's own limit depends on the depth of the caller, and also holds for functions that walk over a value."""
 LARGEST_INTEGER = 2**63
 LARGEST, LARGEST_ID = 1e9, 2**53 - 1
-"""Of the numbers of a field where nothing else is said, and of ids: readers that use floats know no greater one exactly."""
+"""Default bound of the numbers of a field, and the largest id: greater whole numbers are not exact as floats."""
 _LONG_NUMBER = re.compile(r"\d{19}|[eE]\+?\d{2}")
-"""What a number above the bounds has somewhere. Most files have none, and the fast parser suffices."""
+"""Every number above the bounds contains this pattern. Most files do not, and the fast parser suffices."""
 
 
 def read_json(path: Path, largest: int = LARGEST_JSON) -> Any:
@@ -78,7 +78,7 @@ class JsonObject:
             raise ValueError(f"{self.where}: a JSON {type(self.values).__name__}, needs an object")
 
     def check_schema(self, schema: int, writer: str = "") -> None:
-        """Raises ValueError for a file of another schema. writer: a note on what writes it."""
+        """Raises ValueError for a file of another schema. writer: text for the end of the message."""
         if (found := self.values.get("schema")) != schema:
             raise ValueError(f"{self.where}: schema is {shown(str(found))[1:-1]}, this version reads {schema}{writer}")
 
@@ -94,7 +94,7 @@ class JsonObject:
         return None if self.values.get(name) is None else self.a(name, kind)
 
     def array(self, name: str, shape: tuple[int, ...] = (), low: float = -LARGEST, high: float = LARGEST, meaning: str = "") -> NDArray[np.float64]:
-        """The numbers of a field, of this shape and from low to high. −1 in the shape is any length. A row may be a column, as OpenCV has it.
+        """The numbers of a field, of this shape and from low to high. −1 in the shape is any length. A row may be given as a column, as OpenCV does.
 
         Raises ValueError for another value, and says what the numbers mean.
         """
@@ -197,7 +197,7 @@ def _parsed(text: str, where: str, at_line: str) -> Any:
 
 
 def _deeper(text: str) -> bool:
-    """Whether brackets are nested deeper than DEEPEST. Those in texts count, too: they come in pairs, or are few."""
+    """Whether brackets are nested deeper than DEEPEST. Brackets in strings count, too: they come in pairs, or are few."""
     if text.count("[") + text.count("{") <= DEEPEST:
         return False
     depth = 0

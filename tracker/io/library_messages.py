@@ -1,4 +1,4 @@
-"""What C libraries print on standard error while they read a file: it is collected, and is no output of ours."""
+"""Messages that C libraries print on standard error while they read a file: they are collected, and not shown."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 standard_error = threading.RLock()
-"""Who holds it is the only one that collects messages. Other threads hold it while they write to standard error, so that theirs are not collected."""
+"""A thread holds it while it collects messages. Other threads hold it while they write to standard error, so that their text is not collected."""
 
 
 class Printed:
@@ -20,7 +20,7 @@ class Printed:
 
 @contextmanager
 def library_messages() -> Iterator[Printed]:
-    """Collect what is printed on standard error in the block, and what libraries print to no Python stream. Where there is none, nothing is."""
+    """Collect what is written to file descriptor 2 during the block, as C libraries do. Without this descriptor, nothing is collected."""
     out = Printed()
     with standard_error, tempfile.TemporaryFile() as file:
         try:

@@ -26,21 +26,21 @@ WHOLE = ("frame", "id")
 """Columns of whole numbers."""
 
 TRUTH_COLUMNS = ("frame", "id", "left", "top", "width", "height", "consider", "class", "visibility")
-"""Of the truth of MOT16, MOT17 and MOT20."""
+"""Columns of the truth of MOT16, MOT17 and MOT20."""
 PEDESTRIAN, DISTRACTORS = 1, (2, 7, 8, 12)
-"""Classes: a person on foot; a person on a vehicle, a static person, a distractor, a reflection."""
+"""Classes: a person on foot; a person on a vehicle, a static person, a distractor, a reflection, which detectors take for people."""
 ABSENT = -1.0
 
 ZERO_SUBSTITUTE = 1e-9
 """m: written for an x or y of exactly 0, which the evaluation kit of the 3-D challenge takes for an absent position."""
 
 VISIBLE_FILE = ".visible.txt"
-"""Ending of a file beside CAMERA.txt with a row for each of its rows. Boxes are those of visible parts, confidences the shares seen."""
+"""Ending of a file beside CAMERA.txt with a row for each of its rows. Its boxes are visible parts, its confidences visible shares."""
 
 MAX_FRAME = 200_000
-"""Highest number of a frame. Sequences hold a value for each frame up to the last, about 1 kB, also where nobody is."""
+"""Highest number of a frame. A sequence takes about 1 kB of memory for each frame up to the last, empty frames included."""
 LARGEST_PIXEL = 1e9
-"""Bound of the numbers of a box, px. Beyond it squares and cubes are no numbers."""
+"""Bound of the numbers of a box, px. It keeps products and powers finite."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,37 +111,41 @@ def read_mot15(path: str | os.PathLike[str], tracks: bool = False) -> Mot15Rows:
 
 
 def _different(path: str | os.PathLike[str], columns: Sequence[str]) -> tuple[Ints, Array, int]:
-    """Lines (n,) and values (n, columns) of the rows that equal none before them, and the number of the others."""
+    """Lines (n,) and values (n, columns) of the distinct rows, and the number of repeated rows."""
     lines, table = read_rows(Path(path), columns, WHOLE)
     kept = different_rows(table)
     return lines[kept], table[kept], len(table) - len(kept)
 
 
 def different_rows(table: Array) -> Ints:
-    """Rows of a table (n, columns) that equal none before them, in their order."""
+    """Index of the first occurrence of each distinct row of a table (n, columns), ascending."""
     return np.sort(np.unique(table, axis=0, return_index=True)[1]) if len(table) else np.arange(0)
 
 
-def read_mot_truth(path: str | os.PathLike[str]) -> tuple[Mot15Rows, Mask]:
-    """The truth of MOT15, or of MOT16 to MOT20 (nine columns: …, consider, class, visibility), and which rows (n,) are of distractors.
+def read_mot_truth(path: str | os.PathLike[str]) -> tuple[Mot15Rows, Ints]:
+    """The truth of MOT15, or of MOT16 to MOT20 (nine columns: …, consider, class, visibility), and the class of each row (n,).
 
-    Of nine columns, `consider` is the confidence, 0 for all classes but pedestrians. Distractors are what detectors take for people.
+    With nine columns, the confidence is `consider`. All rows of MOT15 are pedestrians.
     Raises ValueError as read_mot15.
     """
-    first = next((line for _, line in read_lines(path)), "")
-    if first.count(",") != len(TRUTH_COLUMNS) - 1:
+    if _columns_of(path) == COLUMNS:
         rows = read_mot15(path, tracks=True)
-        return rows, np.zeros(len(rows), dtype=np.bool_)
+        return rows, np.full(len(rows), PEDESTRIAN)
     lines, values = read_rows(Path(path), TRUTH_COLUMNS, (*WHOLE, "class"))
     kind, frame, ids = values[:, 7].astype(np.int64), *values[:, :2].astype(np.int64).T
-    consider = np.where(kind == PEDESTRIAN, values[:, 6], 0.0)
     with faults_at_lines(path, lines):
-        return Mot15Rows(frame, ids, values[:, 2:6], consider, np.full((len(values), 3), ABSENT)), np.isin(kind, DISTRACTORS)
+        return Mot15Rows(frame, ids, values[:, 2:6], values[:, 6], np.full((len(values), 3), ABSENT)), kind
+
+
+def _columns_of(path: str | os.PathLike[str]) -> tuple[str, ...]:
+    """The columns of a file: those of MOT16 to MOT20 if its first line has as many, else those of MOT15."""
+    first = next((line for _, line in read_lines(path)), "")
+    return TRUTH_COLUMNS if first.count(",") == len(TRUTH_COLUMNS) - 1 else COLUMNS
 
 
 def place_of_row(path: str | os.PathLike[str], row: int) -> str:
-    """The place of a row of read_mot15, counted from 0, for an error message: "path:N". The file is read again."""
-    return f"{path}:{_different(path, COLUMNS)[0][row]}"
+    """The place of a row of read_mot15 or read_mot_truth, counted from 0, for an error message: "path:N". The file is read again."""
+    return f"{path}:{_different(path, _columns_of(path))[0][row]}"
 
 
 def write_mot15(path: str | os.PathLike[str], rows: Mot15Rows) -> None:

@@ -1,4 +1,4 @@
-"""Folders of images and videos of unknown origin: what is read, its order, and the frames that names number."""
+"""Folders of images and videos of unknown origin: which files are read, their order, and their frame numbers."""
 
 from __future__ import annotations
 
@@ -15,20 +15,22 @@ from tracker.io.video_files import VIDEOS
 
 READ = (*PICTURES, *VIDEOS)
 LEAST_STAMP = 9
-"""Digits of a name from which it is a time, as seconds since 1970 or a date with a time of day."""
+"""A name with at least so many digits is a time, such as seconds since 1970, or a date with a time of day."""
+DATED = re.compile("(?:.*[^0-9])?(19|20)[0-9]{2}(0[1-9]|1[0-2])(0[1-9]|[12][0-9]|3[01])[^0-9]?([01][0-9]|2[0-3])([0-5][0-9]){2}")
+"""Names that end in a date and a time of day. Those of one day differ only in their last number, as frames do."""
 NAMED = 3
-"""Files that a line names."""
+"""Most files that a logged line names."""
 _BLOCK = 1 << 20
 
 
 def natural_key(name: str) -> tuple[tuple[int | str, ...], str]:
-    """A key of names by which frame2 comes before frame10: text as it is, and numbers by their value."""
+    """Sort key of names by which frame2 comes before frame10: numbers count by value, and text without case."""
     parts = re.split("([0-9]+)", name.casefold())
     return tuple(int(part) if k % 2 else part for k, part in enumerate(parts)), name
 
 
 def visible_files(folder: Path, kinds: Iterable[str] = READ) -> list[Path]:
-    """The files of a folder with these suffixes, in natural order. Hidden files are left out, and all others are told in a line."""
+    """The files of a folder with these suffixes, in natural order. Hidden files are left out silently, all others with a logged line."""
     there = [one for one in folder.iterdir() if not one.name.startswith(".")]
     read = [one for one in there if one.suffix.lower() in kinds and not one.is_dir()]
     say_left_out(folder, [one for one in there if one not in set(read)], f"need to be files with {', '.join(kinds)}")
@@ -56,14 +58,15 @@ def say_order(name: str, files: list[Path]) -> None:
 def numbered_files(folder: Path) -> dict[int, Path]:
     """Number → image file of a folder, ascending. Names are numbers, as 000001.jpg, or hold one, as frame_000001.jpg.
 
-    Where names are times, they are numbered from 1 in their order, and that is told. Files whose names have no number are left out and told.
+    Names that are times are numbered from 1 in their order, which is logged. Files without a number in the name are left out, which is logged.
     Raises ValueError for two files with one number.
     """
     files = visible_files(folder, PICTURES)
     parts = {one: match for one in files if (match := re.fullmatch("(.*?)([0-9]+)([^0-9]*)", one.stem))}
-    if len(files) > 1 and len(parts) == len(files) and all(len(re.sub("[^0-9]", "", one.stem)) >= LEAST_STAMP for one in files):
+    if files and len(parts) == len(files) and all(len(re.sub("[^0-9]", "", one.stem)) >= LEAST_STAMP for one in files):
         rests = {(match[1], match[3]) for match in parts.values()}
-        if len(rests) > 1 or max(int(match[2]) for match in parts.values()) > MAX_FRAME:
+        dated = all(DATED.fullmatch(one.stem) for one in files)
+        if dated or len(rests) > 1 or max(int(match[2]) for match in parts.values()) > MAX_FRAME:
             say(f"{folder}: names are times, taken as frames 1 to {len(files)} in their order, {files[0].name} to {files[-1].name}")
             return dict(enumerate(files, 1))
     form = Counter((match[1], match[3]) for match in parts.values()).most_common(1)
@@ -81,7 +84,7 @@ def numbered_files(folder: Path) -> dict[int, Path]:
 
 
 def frames_from_zero(numbered: Mapping[str, Mapping[int, Path]], where: str) -> dict[str, dict[int, Path]]:
-    """Camera → frame from 0 → file. Numbers of all cameras count from 0 where one of them begins so, which is told, else from 1."""
+    """Camera → frame from 0 → file. If a camera's numbers begin at 0, which is logged, those of all cameras count from 0, else from 1."""
     first = min((min(files) for files in numbered.values() if files), default=1)
     start = 0 if first == 0 else 1
     if start == 0:
@@ -91,7 +94,7 @@ def frames_from_zero(numbered: Mapping[str, Mapping[int, Path]], where: str) -> 
 
 
 def content_checksum(files: Iterable[Path]) -> str:
-    """SHA-256 of the names and contents of files, read in parts: by it a finished run knows its images again."""
+    """SHA-256 of the names and contents of files, read in parts. It identifies the images of a finished run."""
     digest = hashlib.sha256()
     for file in files:
         digest.update(f"{file.name}\0{file.stat().st_size}\0".encode("utf-8", "surrogateescape"))

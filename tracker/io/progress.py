@@ -1,4 +1,4 @@
-"""Progress of long work on standard error: a bar on a terminal, a line every 10 s elsewhere. It never ends the work."""
+"""Progress of long work on standard error: a bar on a terminal, a line every 10 s elsewhere. Its errors never stop the work."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class _Bar(tqdm):  # type: ignore[misc]
     """A bar of tqdm that stops being drawn where standard error is closed, full or broken."""
 
     period = 0.5
-    """Time between two states that can be seen, s: who sets `n` by hand need not call `refresh` more often."""
+    """Time between two visible states, s. Callers that set `n` themselves need not call `refresh` more often."""
 
     def display(self, *given: Any, **named: Any) -> Any:
         """Draw the bar, as tqdm does."""
@@ -36,7 +36,7 @@ class _Bar(tqdm):  # type: ignore[misc]
 
     def _try(self, draw: Any, *given: Any, **named: Any) -> Any:
         try:
-            # A thread that reads an image collects what is printed meanwhile, and takes it for a fault of the image.
+            # Without the lock, a thread that decodes an image would collect this text as a message of the decoder.
             with standard_error:
                 return draw(*given, **named)
         except (OSError, ValueError):
@@ -46,10 +46,10 @@ class _Bar(tqdm):  # type: ignore[misc]
 
 
 class _Lines(_Bar):
-    """The same for a log: each state is a line of its own, and two are `period` apart."""
+    """The same for a log: each state is a line of its own, at least `period` s after the last."""
 
     period = PERIOD
-    monitor_interval = 0  # A thread of tqdm is needed for bars alone.
+    monitor_interval = 0  # Only bars need tqdm's monitor thread.
 
     def __init__(self, *given: Any, **named: Any) -> None:
         self._shown = monotonic()

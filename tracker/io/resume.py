@@ -30,13 +30,13 @@ LONGEST = 80
 
 
 def checksum(file: Path) -> str:
-    """SHA-256 of a file, read in parts: runs name their inputs by it, and manifests their files."""
+    """SHA-256 of a file, read in parts. It identifies the inputs of runs and the files of manifests."""
     with file.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def checksums(folder: Path, files: Iterable[Path]) -> dict[str, str]:
-    """Name in the folder → checksum of those files that are there."""
+    """Name in the folder → checksum, for those of `files` that exist."""
     return {file.relative_to(folder).as_posix(): checksum(file) for file in files if file.is_file()}
 
 
@@ -63,7 +63,7 @@ def check_same(folder: Path, there: Mapping[str, Any], wanted: Mapping[str, Any]
     """Raises ValueError where an entry of `wanted` differs from the entry of `there` with the same name.
 
     The order of keys does not matter, and a missing entry equals null. Other entries of `there` are results and are not compared.
-    INPUTS, a checksum of images and videos, is compared where there is one, as older versions wrote none.
+    INPUTS, a checksum of images and videos, is compared only where `there` has it, as older versions wrote none.
     what: description of the content of the folder for the message.
     """
     wanted = json_value({name: value for name, value in wanted.items() if name != INPUTS or name in there})
@@ -75,7 +75,7 @@ def check_same(folder: Path, there: Mapping[str, Any], wanted: Mapping[str, Any]
 
 
 def same_or_new(folder: Path, same: Callable[[], T | None], new: Callable[[], T]) -> T:
-    """What `same` finds of the same run in a folder, else what `new` makes there under its lock. Raises as both, and as folder_lock."""
+    """The result of `same`, which reads the same run, else of `new`, which makes it under the lock of the folder. Raises as both and folder_lock."""
     if (there := same()) is not None:
         return there
     with folder_lock(folder):
@@ -84,10 +84,10 @@ def same_or_new(folder: Path, same: Callable[[], T | None], new: Callable[[], T]
 
 
 class Journal:
-    """The parts of an unfinished run: a file of lines of JSON in its temporary folder, first what is made, then an entry a line.
+    """The parts of an unfinished run, as lines of JSON in its temporary folder: a description of the run, then one line per part.
 
-    about: what is made, as JSON values; entries of another run or version are not used. A line that was cut by a kill does not count.
-    found: whether there is a journal of the same run, with its `entries`. As a context manager it is written anew, and closed at the end.
+    about: the description, as JSON values; entries of another run or version are not used. A line truncated by a kill is ignored.
+    found: whether a journal of the same run exists; its parts are `entries`. The context manager rewrites the file, and closes it at the end.
     """
 
     def __init__(self, path: Path, about: Mapping[str, Any]) -> None:
@@ -115,12 +115,12 @@ class Journal:
         self._file.close()
 
     def add(self, entry: Mapping[str, Any]) -> None:
-        """Note a part. JSON keeps every bit of a float, NaN and infinity, too."""
+        """Append a part. Python's JSON keeps floats exactly, NaN and infinity included."""
         self._file.write(json.dumps(entry) + "\n")
         self._file.flush()
 
     def remove(self) -> None:
-        """Remove the file, since the run is whole."""
+        """Remove the file, once the run is complete."""
         self._path.unlink()
 
 

@@ -11,9 +11,9 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 
 LONGEST_LINE = 1 << 16
-"""Characters; a file of unknown origin must not fill the memory."""
+"""Characters. A file of unknown origin must not exhaust the memory."""
 LARGEST_NUMBER = 1e60
-"""No length, time or score is as large; its fourth power is still a number."""
+"""No length, time or score is as large; its fourth power is still finite."""
 INTEGER_BITS = 62
 LONGEST_SHOWN = 60
 """Characters of a value in an error message."""
@@ -24,7 +24,7 @@ def read_lines(path: str | os.PathLike[str], errors: str = "strict") -> Iterator
     """The lines of a file that are not blank: number from 1, and text without the line end and the blanks before it.
 
     Lines end with LF, CR LF or CR. errors: "replace" for a format with comments in any encoding.
-    Raises ValueError with file and line for bytes that are no UTF-8 or 0, and for a line of more than LONGEST_LINE characters.
+    Raises ValueError with file and line for bytes that are not UTF-8, for a zero byte, and for a line of more than LONGEST_LINE characters.
     Raises OSError where the file cannot be read.
     """
     try:
@@ -54,11 +54,11 @@ def read_text(path: str | os.PathLike[str], most: int) -> str:
 
 
 def not_utf8(path: str | os.PathLike[str]) -> ValueError:
-    """The error of a file whose bytes are no UTF-8: with file, line and byte from 0."""
+    """The error of a file that is not UTF-8, with file, line and byte from 0."""
     with Path(path).open("rb") as file:
         known = " but UTF-16" if file.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) else ""
     place, line = 0, 1
-    # Python gives bytes that are no UTF-8 characters of their own, which no other bytes have.
+    # `surrogateescape` decodes each invalid byte to a character that valid text cannot hold.
     with Path(path).open(encoding="utf-8", errors="surrogateescape", newline="") as file:
         while text := file.readline(LONGEST_LINE):
             good = _ESCAPED.split(text, maxsplit=1)[0]
@@ -103,9 +103,9 @@ def parse_integer(text: str, where: str) -> int:
 
 
 def named_values(text: str, known: Collection[str], subject: str, needed: str) -> dict[str, str]:
-    """Name → the text of its value, of NAME=VALUE,NAME=VALUE. A dash in a name counts as an underscore where such a name is known.
+    """Name → text of its value, from NAME=VALUE,NAME=VALUE. A dash in a name counts as an underscore where such a name is known.
 
-    subject: what the text is of, and needed: what an item has to be, for the message.
+    subject, needed: what the text describes, and the form that an item needs, for the message.
     Raises ValueError for an unknown name, with the nearest one, and for a name that occurs twice.
     """
     found: dict[str, str] = {}

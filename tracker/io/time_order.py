@@ -1,6 +1,6 @@
 """Rows with times out of order: rows that step back a little are sorted, repeated rows are merged, and both are counted.
 
-What a reader mends is a warning of the logger `tracker.mended`, one line a file. A program without a log of its own writes it to standard error.
+Readers log what they repaired as warnings of the logger `tracker.mended`, a line per file. Without a handler, Python prints them on standard error.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def time_order(rows: Array) -> TimeOrder:
 
 
 def first_large_step_back(times: Array) -> tuple[int, int] | None:
-    """The first of times (n,) s that is LARGEST_STEP_BACK or more below one before it, and the index of that one; None without any."""
+    """Index of the first of times (n,) s that lies LARGEST_STEP_BACK or more below an earlier one, and of the largest earlier one; or None."""
     if not len(times):
         return None
     fault = np.maximum.accumulate(times) - times >= LARGEST_STEP_BACK
@@ -74,7 +74,7 @@ def counted(number: int, noun: str) -> str:
 
 
 def say(line: str) -> None:
-    """Log a line on what a reader took in another way than it may be meant. A line is logged once, as a source may be read several times."""
+    """Log how a reader interpreted ambiguous input. A line is logged once, as a source may be read several times."""
     if line not in _SAID:
         _SAID.add(line)
         LOG.warning("%s", line)

@@ -1,4 +1,4 @@
-"""Calibrations in XML of Tsai's model, as PETS 2009 has them; reader and writer. Sequences of pilsim have them for fixed cameras, too.
+"""XML calibrations of Tsai's camera model, the format of PETS 2009; reader and writer. Sequences of pilsim hold them for fixed Tsai cameras.
 
 Files are in mm and radians: R = Rz Ry Rx, optical = R · world + t. All values here are in metres.
 Pixels are those of the calibration: pixel centres lie at whole numbers.
@@ -20,10 +20,10 @@ from tracker.io.xml_files import Element, parse
 MM = 1e-3
 """m."""
 LARGEST, SMALLEST = 1e9, 1e-9
-"""Bounds of the numbers of a camera in their units. Beyond them squares and cubes are no numbers."""
+"""Bounds of the numbers of a camera in their units. They keep products and powers finite."""
 _ABOVE_ZERO = ("dpx", "dpy", "focal", "sx")
 FOLD_SAMPLES = 1 << 22
-"""Most pixels in which the distortion is tested."""
+"""Most pixels at which the distortion is tested."""
 MAX_FOLDED_SHARE = 0.01
 """Largest share of the image that may lie where the distortion has no inverse. In View_007 it is 0.5 %, in the left corners."""
 
@@ -105,10 +105,10 @@ def _rotation(rx: float, ry: float, rz: float) -> Array:
 
 
 def _angles(R: Array) -> tuple[float, float, float]:
-    """rx, ry, rz with R = Rz Ry Rx. Where ry is a right angle, only the sum of rx and rz is determined."""
+    """rx, ry, rz with R = Rz Ry Rx. Where ry is ±π/2, only the sum or the difference of rx and rz is determined."""
     ry = np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0]))
     rz = np.arctan2(R[1, 0], R[0, 0])
-    # rx is computed relative to this rz, so that their sum is right even near the singularity, where rz is arbitrary.
+    # rx is computed relative to this rz, so that R is right even near the singularity, where rz is arbitrary.
     c, s = np.cos(rz), np.sin(rz)
     rx = np.arctan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
     return float(rx), float(ry), float(rz)

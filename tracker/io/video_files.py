@@ -1,6 +1,6 @@
-"""Video files: one for each camera is written (MP4, MPEG-4 part 2); any that OpenCV decodes are read.
+"""Video files: MP4 (MPEG-4 part 2) is written, one file for each camera; every format that OpenCV decodes is read.
 
-OpenCV and most players read them; browsers do not play this codec. VP9, which they play, takes about 20 times as long to encode.
+OpenCV and most players read MPEG-4 part 2, but browsers do not. VP9, which browsers play, takes about 20 times as long to encode.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class VideoWriters:
         self._frames: dict[str, int] = {}
 
     def put(self, camera: str, image: Image, rate: float | None = None) -> None:
-        """Append an RGB image (H, W, 3) to the video of a camera. rate: of a camera, told with its first image.
+        """Append an RGB image (H, W, 3) to the video of a camera. rate: frames/s of this camera, given with its first image.
 
         Raises ValueError where the file cannot be opened for writing.
         """
@@ -72,7 +72,7 @@ def open_video(path: Path) -> cv2.VideoCapture:
 
 
 def frame_times(path: Path, most: int | None = None) -> Array:
-    """Times (n,) s of the frames of a video by their own stamps, ascending, the first `most` of them; all are decoded, as no header tells n.
+    """Times (n,) s of the frames of a video by their own stamps, ascending; the first `most` if given. They are decoded, as no header states n.
 
     Raises ValueError where the file holds no video.
     """
@@ -93,7 +93,7 @@ def _frame_times(path: str, size: int, changed: int, most: int | None) -> Array:
             for frame in islice(container.decode(stream), most):
                 times.append(float(frame.time) if frame.time is not None else len(times) * fallback)
     except (av.FFmpegError, IndexError) as error:
-        # What follows a damaged frame is lost; OpenCV ends there, too.
+        # Frames after a damaged one are lost; OpenCV stops there, too.
         if not times:
             raise ValueError(f"{path}: is no video that can be read ({str(error)[:80]})") from None
     return np.sort(np.array(times))
@@ -113,9 +113,9 @@ def packet_times(path: Path) -> Array:
 
 
 def number_of_frames(path: Path) -> int:
-    """How many frames a video holds, by its packets, which are not decoded. Progress bars may be off by few.
+    """Number of frames of a video, counted by packets without decoding. It may be off by a few, which suffices for progress bars.
 
-    Raises ValueError where it ends before the number of frames that its container tells; Matroska, for instance, tells none.
+    Raises ValueError where the file ends before the number of frames that its container states; Matroska, for instance, states none.
     """
     import av
 

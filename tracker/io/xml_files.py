@@ -17,7 +17,7 @@ from tracker.io.text_files import parse_number
 MAX_BYTES = 64 * 2**20
 MAX_DEPTH = 32
 LARGEST_INTEGER = 2**53
-"""Whole numbers from here on are not exact as floats."""
+"""Whole numbers from this one on are not exact as floats."""
 
 
 @dataclass

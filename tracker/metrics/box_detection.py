@@ -1,9 +1,9 @@
 """Scores of a detector's boxes in images: average precision, MODA, MODP, recall, and the reliability of the scores.
 
-* Average precision is that of pycocotools (Lin et al. 2014): boxes are matched one by one, the surest first, and precision is read at 101 recalls.
+* Average precision is that of pycocotools (Lin et al. 2014): boxes are matched by descending score, and precision is read at 101 recalls.
   Images are not limited to 100 boxes.
-* MODA and MODP are those of CLEAR (Kasturi et al. 2009), at one least score.
-  Each image is matched alone: the most pairs, and of those the largest sum of IoU.
+* MODA and MODP are those of CLEAR (Kasturi et al. 2009), at one threshold of the score.
+  Each image is matched alone: the most pairs, at the largest sum of IoU.
 * A body that does not have to be found is ignored, together with a box that matches it and no other body.
 """
 
@@ -21,13 +21,13 @@ from tracker.metrics.matching import best_pairs
 IOU = 0.5
 """Least IoU of a box with the body that it shows."""
 IOUS = np.linspace(0.5, 0.95, 10)
-"""Those of COCO's headline, of which the mean is taken."""
+"""Thresholds of IoU of COCO's main figure, which is the mean over them."""
 RECALLS = np.linspace(0.0, 1.0, 101)
 NOBODY = -1
 BINS = 10
-"""Of the scores, of the same width, for their reliability."""
+"""Number of bins of equal width, for the reliability of the scores."""
 TRIED = 50
-"""Least scores that are tried for the best MODA."""
+"""Number of thresholds of the score that are tried for the best MODA."""
 EPSILON = 1e-10
 
 
@@ -74,7 +74,7 @@ class ImageBoxes:
 
     @staticmethod
     def of(truth: Array, found: Array, score: Array) -> ImageBoxes:
-        """An image of which boxes alone are known; all bodies count."""
+        """An image of which only boxes are known; all bodies count."""
         n, k = len(truth), len(found)
         unknown = np.full((n, 2), np.nan), np.full((k, 2), np.nan)
         return ImageBoxes(truth, found, score, np.full(n, np.nan), np.ones(n, dtype=np.bool_), np.ones(k, dtype=np.bool_), *unknown)
@@ -82,21 +82,21 @@ class ImageBoxes:
 
 @dataclass(frozen=True)
 class WantedBodies:
-    """Which bodies have to be found: heights px and visible shares, the lower bound included, the upper one not.
+    """The bodies that have to be found: heights px and visible shares, lower bounds included, upper bounds not.
 
-    A share that is unknown is enough.
+    An unknown share is in bounds.
     """
 
     heights: tuple[float, float] = (0.0, np.inf)
     visible: tuple[float, float] = (0.0, np.inf)
 
     def of(self, image: ImageBoxes) -> Mask:
-        """(n,) of an image."""
+        """Mask (n,) of the bodies of an image that have to be found."""
         seen = np.isnan(image.visible) | ((image.visible >= self.visible[0]) & (image.visible < self.visible[1]))
         return np.asarray(image.counts & self.of_this_height(image.truth) & seen)
 
     def of_this_height(self, boxes: Array) -> Mask:
-        """(n,) of boxes (n, 4): left, top, right, bottom px."""
+        """Mask (n,) of the boxes (n, 4), left, top, right, bottom px, whose height is in bounds."""
         height = boxes[:, 3] - boxes[:, 1]
         return np.asarray((height >= self.heights[0]) & (height < self.heights[1]))
 
@@ -120,17 +120,12 @@ class JudgedBoxes:
             return average_precision(self.score, self.hit, float(self.bodies.sum()))
         return average_precision(self.score, self.hit, float(weight @ self.bodies), weight[self.image])
 
-    def recall(self) -> float:
-        """Share of the bodies that any box finds; NaN without bodies."""
-        count = self.bodies.sum()
-        return float(self.hit.sum() / count) if count else float("nan")
-
 
 def match_by_score(iou: Array, counted: Mask, thresholds: Array, absorbs: Mask | None = None) -> Ints:
     """The body of each box at each threshold of IoU, (thresholds, boxes), NOBODY for none, by the rule of pycocotools.
 
-    iou (boxes, bodies), the surest box first. A box takes the free body that it overlaps most; of bodies with the same IoU the last.
-    Bodies that are counted go before the others. absorbs (bodies,): those that take any number of boxes, as crowds in COCO do.
+    iou (boxes, bodies), by descending score of the box. A box takes the free body with the largest IoU; at equal IoU the last one.
+    Counted bodies take precedence. absorbs (bodies,): those that take any number of boxes, as crowds in COCO do.
     """
     bound = np.minimum(np.asarray(thresholds, dtype=np.float64), 1 - EPSILON)[:, None]
     count, bodies = iou.shape
@@ -170,7 +165,7 @@ def average_precision(score: Array, hit: Mask, count: float, weight: Array | Non
 def judge(images: Sequence[ImageBoxes], wanted: WantedBodies | None = None, thresholds: Array | None = None) -> list[JudgedBoxes]:
     """The boxes of images that count, at each threshold of IoU (IOU alone by default).
 
-    Boxes of bodies that are ignored do not count, nor do those of nobody that are not judged or of another height than `wanted` (as in COCO).
+    Boxes on ignored bodies do not count. A box on no body counts only if it is judged and its height is in the bounds of `wanted` (as in COCO).
     """
     wanted = wanted or WantedBodies()
     levels = np.array([IOU]) if thresholds is None else np.asarray(thresholds)
@@ -192,7 +187,7 @@ def judge(images: Sequence[ImageBoxes], wanted: WantedBodies | None = None, thre
 
 @dataclass(frozen=True, eq=False)
 class BoxCounts:
-    """Counts of each image (images,) at one least score: bodies, boxes that count, pairs, and the sum of the pairs' IoU."""
+    """Counts of each image (images,) at one threshold of the score: bodies, boxes that count, pairs, and the sum of the pairs' IoU."""
 
     bodies: Array
     boxes: Array
@@ -236,9 +231,9 @@ def count_boxes(images: Sequence[ImageBoxes], least_score: float, wanted: Wanted
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What became of the boxes and bodies of an image at a least score.
+    """The matching of the boxes and bodies of an image at a threshold of the score.
 
-    found (p,): rows of boxes that are bodies. missed (m,): rows of bodies without a box. false (f,): rows of boxes of nobody.
+    found (p,): rows of boxes on bodies. missed (m,): rows of bodies without a box. false (f,): rows of boxes on no body.
     overlap: sum of the IoU of the pairs.
     """
 
@@ -263,7 +258,7 @@ def outcome_of(image: ImageBoxes, least_score: float, wanted: WantedBodies) -> O
 
 
 def best_moda(images: Sequence[ImageBoxes], wanted: WantedBodies | None = None) -> tuple[float, float]:
-    """The highest MODA of TRIED least scores, and that score: a bound for a detector whose scores are not calibrated. NaN without boxes."""
+    """The highest MODA over TRIED quantiles of the scores as thresholds, and its threshold: for uncalibrated scores. NaN without boxes."""
     scores = np.concatenate([np.zeros(0), *(image.score for image in images)])
     if not len(scores):
         return float("nan"), float("nan")
@@ -290,7 +285,7 @@ class Reliability:
 
 
 def reliability(judged: JudgedBoxes) -> Reliability | None:
-    """Reliability of the scores; None where a score is no probability."""
+    """Reliability of the scores; None where a score is outside [0, 1]."""
     if len(judged.score) and not (judged.score.min() >= 0 and judged.score.max() <= 1):
         return None
     which = np.minimum((judged.score * BINS).astype(np.int64), BINS - 1)

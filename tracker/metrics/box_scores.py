@@ -14,7 +14,7 @@ from tracker.metrics.box_detection import IOUS, ImageBoxes, WantedBodies, best_m
 HEIGHTS = (0.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0, float("inf"))
 """px: bounds of the heights by which bodies are scored."""
 VISIBLE = (0.1, 0.3, 0.6, float("inf"))
-"""Bounds of the visible shares by which bodies are scored: a part of a body, about half, and most of it. Less is no detector's task."""
+"""Bounds of the visible shares by which bodies are scored: a part of a body, about half, and most of it. Bodies with less are left out."""
 BLOCK, FEWEST_BLOCKS, RESAMPLES = 20, 6, 500
 """Most images of a block that is drawn whole, fewest blocks of an interval, and resamples."""
 SEED = 20090
@@ -22,7 +22,7 @@ SEED = 20090
 
 
 def box_scores(images: Sequence[ImageBoxes], wanted: WantedBodies, min_score: float) -> dict[str, Any]:
-    """Scores as JSON values: `all` (headline), `by_height`, and where they tell more, `by_visible_share`, `by_world` and `by_camera`.
+    """Scores as JSON values: `all` (headline), `by_height`, `by_visible_share` if known, and for several worlds or cameras `by_world`, `by_camera`.
 
     min_score: least score of a box for MODA, MODP, precision, recall and feet.
     """
@@ -52,7 +52,7 @@ def headline(images: Sequence[ImageBoxes], wanted: WantedBodies, min_score: floa
     """All figures of some images; `intervals` has 95 % intervals by resampling of images. None where a figure is not defined."""
     levels = judge(images, wanted, IOUS)
     counts, feet, sure = count_boxes(images, min_score, wanted), feet_errors(images, min_score, wanted), reliability(levels[0])
-    best, at = best_moda(images, wanted)
+    best, at = max(best_moda(images, wanted), (counts.moda(), min_score), key=lambda one: one[0])
     numbers = {
         "ap50": levels[0].average_precision(),
         "ap50_95": float(np.mean([level.average_precision() for level in levels])),
@@ -82,7 +82,7 @@ def headline(images: Sequence[ImageBoxes], wanted: WantedBodies, min_score: floa
 
 
 def _rounded(numbers: dict[str, float]) -> dict[str, float | None]:
-    """JSON has no NaN: what is not defined is None."""
+    """Rounded values; None in place of NaN, which JSON lacks."""
     return {name: None if value != value else round(value, 4) for name, value in numbers.items()}
 
 

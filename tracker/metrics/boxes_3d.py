@@ -81,7 +81,7 @@ def intersection_area(one: Array, other: Array) -> Array:
     points = points - mean[:, None]
     order = np.argsort(np.where(valid, np.arctan2(points[..., 1], points[..., 0]), np.inf), axis=1)
     ring, kept = np.take_along_axis(points, order[..., None], axis=1), np.take_along_axis(valid, order, axis=1)
-    # What is no corner repeats the first one, so that it adds no area.
+    # Points that are no corners repeat the first corner, so that they add no area.
     ring = np.where(kept[..., None], ring, np.where(kept[:, :1, None], ring[:, :1], 0.0))
     return np.asarray(_cross(ring, np.roll(ring, -1, axis=1)).sum(axis=1) / 2)
 

@@ -10,9 +10,9 @@ Where the tools of the field differ, TrackEval's rules hold:
 * A frame without truth or without estimates neither ends a match nor makes a fragment.
 * Mostly tracked is more than 0.8 of a person's frames (py-motmetrics: at least 0.8), mostly lost is less than 0.2.
 
-People that are not evaluated are ignored both ways. All people are matched first. Then the ignored ones are removed with the
+People that are not evaluated are ignored. All people are matched first. Then the ignored people are removed with the
 estimates that were matched to them, and the rest is scored. So an estimate that follows an evaluated person stays with that
-person, and one whose best match is an ignored person is no error.
+person, and an estimate whose best match is an ignored person is no error.
 """
 
 from __future__ import annotations
@@ -128,7 +128,7 @@ def _ratio(above: float, below: float) -> float:
 
 @dataclass(frozen=True)
 class _Rules:
-    """The measure of a pair, and how each score uses its value. similarity: in [0, 1], by which pairs are matched, and that of HOTA."""
+    """The measure of a pair, and how each score uses its value. similarity: in [0, 1]; it decides the matching, and HOTA uses it."""
 
     measure: Callable[[Array, Array], Array]
     similarity: Function

@@ -11,7 +11,7 @@ import numpy as np
 from tracker.formats.aicity.files import CLASSES, PERSON, read_ground_truth, read_results
 from tracker.formats.aicity.person_boxes import boxes_of_tracks
 from tracker.geometry import Array, Ints, Mask, Pose
-from tracker.io.mot15 import read_mot15, read_mot_truth
+from tracker.io.mot15 import DISTRACTORS, PEDESTRIAN, place_of_row, read_mot15, read_mot_truth
 from tracker.metrics.boxes_3d import BOX, hota_3d
 from tracker.metrics.clear_mot import score, score_boxes
 from tracker.metrics.ground_detection import score_ground_detections
@@ -26,13 +26,13 @@ from tracker.types.truth import evaluated_people
 
 PETS = "PETS 2009"
 GRID_TRUTH = "annotations_positions"
-"""The truth of WILDTRACK, MultiviewX and GMVD by its name in a provenance: these are scored as detections too, by the rules of their kit."""
+"""Name of the truth of WILDTRACK, MultiviewX and GMVD in a provenance. These are scored as detections too, by the rules of their evaluation kit."""
 TRUTH_FILES = "truth.txt (PETS 2009: annotations/*-cropped.xml; WILDTRACK: annotations_positions/; JRDB: labels_3d/; AI City: ground_truth.json)"
 Tracks = dict[int, tuple[Ints, Array]]
 
 
 def evaluate(sequence: Sequence, results: Results, area: Array | None = None) -> dict[str, Any]:
-    """Scores as JSON values: `targets`, `everybody` (no person ignored), `robots` (with `each`, a robot's own) and `dead_reckoning`, or None.
+    """Scores as JSON values: `targets`, `everybody` (no person ignored), `robots` (with `each`, by robot) and `dead_reckoning`, or None.
 
     Recordings other than PETS 2009 have `hota_3d` too, on boxes of people (boxes_3d), and WILDTRACK, MultiviewX and GMVD `ground_detection`.
     area: (2, 2) m or None, as MatchingFrame.within; with it there is no `ground_detection`, whose kit scores everybody.
@@ -67,7 +67,7 @@ def evaluate(sequence: Sequence, results: Results, area: Array | None = None) ->
 
 
 def matching_frames(truth: Tracks, tracks: Tracks, counts: list[Mask] | None = None, area: Array | None = None) -> list[MatchingFrame]:
-    """A MatchingFrame for each frame of `truth`, in its order; tracks without an entry are none.
+    """A MatchingFrame for each frame of `truth`, in its order. A frame that is not in `tracks` has no estimates.
 
     counts: of each frame, as MatchingFrame's. area: (2, 2) m or None, as MatchingFrame.within.
     """
@@ -77,10 +77,10 @@ def matching_frames(truth: Tracks, tracks: Tracks, counts: list[Mask] | None = N
 
 
 def _scores_of_kits(provenance: dict[str, Any], truth: Tracks, tracks: Tracks, counts: list[Mask], area: Array | None) -> dict[str, Any]:
-    """The scores that a kind of source has beside those of all: `hota_3d`, `ground_detection`."""
+    """The additional scores of some kinds of sources: `hota_3d`, `ground_detection`."""
     if provenance.get("source", PETS) == PETS:
         return {}
-    # The yaw of an estimate comes from the past alone, so that an online tracker stays one.
+    # The yaw of an estimate comes only from its past, so that an online tracker stays online.
     boxes = boxes_of_tracks(truth), boxes_of_tracks(tracks, online=True)
     out: dict[str, Any] = {"hota_3d": hota_values(hota_3d(matching_frames(*boxes, counts, area)))}
     if GRID_TRUTH in provenance.get("files", {}) and area is None:
@@ -110,15 +110,15 @@ def efficiency(sequence: Sequence, results: Results) -> dict[str, float | None]:
 
 
 Flagged = Literal["removed", "ignored", "counted"]
-"""What truth rows flagged 0 are: removed (estimates on them are false, TrackEval's rule), ignored both ways, or evaluated like others."""
+"""Truth rows flagged 0 are removed (estimates on them are false, TrackEval's rule), ignored with the estimates on them, or counted like others."""
 
 
 def evaluate_files(truth: Path, result: Path, iou: float | None, area: Array | None = None, flagged: Flagged | None = None) -> dict[str, Any]:
     """Scores of one MOT15 file against another: boxes that overlap by `iou`, or positions within 1 m if it is None.
 
     A truth that is the ground_truth.json of AI City is compared with a result file of that challenge, as evaluate_aicity.
-    A truth of boxes may be of MOT16 to MOT20, with nine columns. Then pedestrians are evaluated, and what is taken for people is ignored both ways.
-    flagged: of rows with confidence 0; None for TrackEval's rule for boxes, and ignored both ways for positions.
+    A truth of boxes may be of MOT16 to MOT20, with nine columns. Then pedestrians are evaluated, and distractors ignored with the estimates on them.
+    flagged: for rows with confidence 0; None is `removed` for boxes, and `ignored` for positions.
     area: (2, 2) m or None, as MatchingFrame.within.
     Raises ValueError if positions are needed and a row has none, and for an area of boxes.
     """
@@ -128,13 +128,13 @@ def evaluate_files(truth: Path, result: Path, iou: float | None, area: Array | N
         return evaluate_aicity(truth, result, area)
     if iou is not None and area is not None:
         raise ValueError("--area is a part of the ground in metres, and --iou compares boxes in images; give one of them")
-    (true, distractor), estimated = read_mot_truth(truth), read_mot15(result, tracks=True)
+    (true, kind), estimated = read_mot_truth(truth), read_mot15(result, tracks=True)
     flagged = flagged or ("ignored" if iou is None else "removed")
-    evaluated = np.ones(len(true), dtype=bool) if flagged == "counted" else true.confidence != 0
-    kept = evaluated | distractor | (flagged == "ignored")
+    evaluated = (kind == PEDESTRIAN) & ((flagged == "counted") | (true.confidence != 0))
+    kept = evaluated | np.isin(kind, DISTRACTORS) | (flagged == "ignored")
     for path, rows in ((truth, true), (result, estimated)):
         if iou is None and not rows.has_position.all():
-            raise ValueError(f"{path}: row {int(np.argmin(rows.has_position)) + 1} has no x, y, z; give --iou to compare boxes")
+            raise ValueError(f"{place_of_row(path, int(np.argmin(rows.has_position)))}: has no x, y, z; give --iou to compare boxes")
     by_frame = true.by_frame(), estimated.by_frame()
     none = np.zeros(0, dtype=np.int64)
     frames = []
@@ -142,7 +142,7 @@ def evaluate_files(truth: Path, result: Path, iou: float | None, area: Array | N
         t, e = by_frame[0].get(number, none), by_frame[1].get(number, none)
         t = t[kept[t]]
         one, other = (true.box[t], estimated.box[e]) if iou is not None else (true.position[t], estimated.position[e])
-        frames.append(MatchingFrame(true.id[t], one, estimated.id[e], other, counts=(evaluated & ~distractor)[t]))
+        frames.append(MatchingFrame(true.id[t], one, estimated.id[e], other, counts=evaluated[t]))
     targets = (score(frames if area is None else [frame.within(area) for frame in frames]) if iou is None else score_boxes(frames, iou=iou)).to_dict()
     return {"targets": targets, "everybody": targets, "robots": None, "dead_reckoning": None}
 
@@ -150,9 +150,9 @@ def evaluate_files(truth: Path, result: Path, iou: float | None, area: Array | N
 def evaluate_aicity(truth: Path, result: Path, area: Array | None = None) -> dict[str, Any]:
     """Scores of a result file of AI City against ground_truth.json: `targets` on the ground, `hota_3d` on the boxes of both files.
 
-    People are scored alone: the rows of class 0, and the objects of that name. Frames are those of the truth.
+    Only people are scored: the rows of class 0 (Person), and the objects of that name. Frames are those of the truth.
     area: (2, 2) m or None, as MatchingFrame.within.
-    Raises ValueError as both readers, for rows of several scenes, and for a row in a frame that the truth has not.
+    Raises ValueError as both readers, for rows of several scenes, and for a row in a frame that the truth lacks.
     """
     true: Tracks = {}
     for frame, objects in read_ground_truth(truth).items():

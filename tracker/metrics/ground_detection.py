@@ -3,14 +3,14 @@
 The rules are those of CLEAR_MOD_HUN.m and evaluateDetection.m in the evaluation kit of MVDet (Hou et al. 2020,
 https://github.com/hou-yz/MVDet, multiview_detector/evaluation), after Kasturi et al. 2009:
 
-* Each frame is matched alone, without ids: the most pairs within 0.5 m (td = 50 / 2.5 = 20 cells of 2.5 cm), and of those the least sum.
+* Each frame is matched alone, without ids: the most pairs within 0.5 m (td = 50 / 2.5 = 20 cells of 2.5 cm), at the least sum of distances.
 * MODA = 1 − (misses + false positives) / truths. MODP = mean over pairs of 1 − d / 0.5 m.
 * Only frames with a detection are scored, so that the misses of a frame without any do not count. Such frames are counted as `skipped`.
 
-The kit's translation to Python (pyeval) refuses a pair at exactly 0.5 m and turns a negative MODA into 0; MATLAB's does neither, nor does this one.
+The kit's Python translation (pyeval) refuses a pair at exactly 0.5 m and turns a negative MODA into 0. MATLAB's version and this module do neither.
 
 The same data are scored for tracking with a gate of 1 m, which is `clear_mot.score`'s own: EarlyBird (Teepe et al. 2024, evaluation/mot_bev.py)
-takes positions in cells times 0.025 m and squared distances up to 1 m² to py-motmetrics; TrackTacular does the same.
+passes positions in cells times 0.025 m and squared distances up to 1 m² to py-motmetrics; TrackTacular does the same.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from tracker.metrics.matching import MatchingFrame, compare, match_without_memor
 GATE = 0.5
 """m: the largest distance of a pair."""
 ROUNDING = 1e-9
-"""Share of the gate: positions on a grid, in metres, are at exactly the gate but for rounding."""
+"""Tolerance as a share of the gate: positions on a grid can lie exactly at the gate, up to rounding."""
 
 
 def score_ground_detections(frames: Iterable[MatchingFrame]) -> dict[str, float | int | None]:

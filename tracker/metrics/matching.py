@@ -17,7 +17,7 @@ class MatchingFrame:
     """One frame: the true and the estimated people.
 
     truth_id (m,), truth (m, d), estimate_id (k,), estimate (k, d): positions in metres (d ≥ 2; x and y are compared) or boxes
-    (d = 4: left, top, width, height px). counts (m,): False for truth that is ignored both ways, None if all of it is evaluated.
+    (d = 4: left, top, width, height px). counts (m,): False for truth that is ignored with the estimates on it, None if all is evaluated.
     estimate_counts (k,): False for estimates that are no false positives where they match no evaluated truth, None if all may be.
     Raises ValueError for a wrong shape or a number that is not finite.
     """
@@ -148,7 +148,7 @@ MOSTLY_TRACKED, MOSTLY_LOST = 0.8, 0.2
 def match_frames(comparison: Comparison, threshold: float) -> Matches:
     """Match each frame by TrackEval's rule; the values of `comparison` are similarities, a pair is valid from `threshold` on.
 
-    A match of the frame before is kept while it is valid, the others maximise the sum of similarities. A frame without truth or without
+    A match of the frame before is kept while it is valid; the other matches maximise the sum of similarities. A frame without truth or without
     estimates leaves the memory unchanged.
     """
     previous = np.full(comparison.truths, -1)
@@ -215,9 +215,9 @@ def matched_sum(comparison: Comparison, matches: Matches) -> float:
 
 
 def match_without_memory(comparison: Comparison, threshold: float) -> tuple[int, float]:
-    """Matching of each frame alone, as in WILDTRACK: the most pairs with a value in [threshold, 1], and of those the greatest sum.
+    """Matching of each frame alone, as in WILDTRACK: the most pairs with a value in [threshold, 1], at the greatest sum.
 
-    Returns the number of pairs and their sum over all frames.
+    Returns the number of pairs and the sum of their values, over all frames.
     """
     number, total = 0, 0.0
     for frame in comparison.frames:
@@ -228,7 +228,7 @@ def match_without_memory(comparison: Comparison, threshold: float) -> tuple[int,
 
 
 def best_pairs(value: Array, least: float) -> tuple[Ints, Ints]:
-    """Rows and columns of the most pairs of a matrix with a value in [least, 1], and of those with the greatest sum."""
+    """Rows and columns of the most pairs of a matrix with a value in [least, 1], at the greatest sum of values."""
     valid = value >= least
     rows, columns = linear_sum_assignment(-np.where(valid, min(valid.shape) + 1 + value, 0.0))
     good = valid[rows, columns]

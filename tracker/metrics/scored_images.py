@@ -1,6 +1,6 @@
-"""True and found boxes of a source, image by image, as the scores of a detector take them (tracker/metrics/box_detection.py).
+"""True and found boxes of a source, image by image: the input of tracker/metrics/box_detection.py.
 
-Truth is a sequence of pilsim, a recording, PETS 2009 or WILDTRACK, or a MOT15 file. Found boxes are what `pilsim detect` writes, or MOT15 files.
+Truth is a sequence of pilsim, a recording such as PETS 2009, WILDTRACK or JRDB, or a MOT15 file. `pilsim detect` or MOT15 files give found boxes.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from tracker.sequence.truth_tables import read_boxes
 from tracker.types import Boxes, Sequence
 
 REACH = 200.0
-"""m: feet that are farther have no place."""
+"""m: feet farther from the camera have no place on the ground."""
 NONE = np.zeros((0, 4)), np.zeros(0)
 
 
@@ -49,7 +49,7 @@ class FoundFiles:
 def images_of(truth: Path, result: Path, options: SourceOptions) -> list[ImageBoxes]:
     """The images of one source. options: its cameras and frames; without frames, those that `pilsim detect` searched, else all.
 
-    Raises ValueError with the path where the truth has no people or boxes, where no result is of its cameras, and as the readers.
+    Raises ValueError with the path where the truth has no people or boxes, where no result belongs to its cameras, and as the readers.
     """
     if truth.is_file():
         out = list(_images_of_file(truth, result, options))
@@ -65,7 +65,7 @@ def images_of(truth: Path, result: Path, options: SourceOptions) -> list[ImageBo
 
 
 def found_boxes(result: Path, cameras: list[str], options: SourceOptions) -> FoundFiles:
-    """The boxes that a detector found in some of `cameras`: a folder of CAMERA.txt, or a file of the one camera, or with its name."""
+    """The boxes found in some of `cameras`. result: a folder of CAMERA.txt, or a file that is named after a camera or belongs to the only one."""
     wanted = [camera_named(text, cameras) for text in options.cameras] or cameras
     if result.is_dir():
         files = {name: file for name in wanted if (file := result / f"{name}.txt").is_file()}
@@ -86,7 +86,7 @@ def found_boxes(result: Path, cameras: list[str], options: SourceOptions) -> Fou
 
 
 def _statement(statement: Path) -> tuple[tuple[int, int | None] | None, bool]:
-    """The frames of the source that `pilsim detect` searched, from whose first its files count, and whether its boxes are of visible parts."""
+    """The frames that `pilsim detect` searched, and whether its boxes are of visible parts. Its files count from the first of these frames."""
     content = read_json(statement) if statement.is_file() else {}
     text = content.get("frames", "") if isinstance(content, dict) else ""
     try:
@@ -141,9 +141,9 @@ def _images_of_sequence(path: Path, result: Path, options: SourceOptions) -> Ite
             bodies, (box, score) = true.get((frame, name), Boxes.none()), boxes.get(frame, NONE)
             edges, n = _edges(box), len(bodies.person)
             feet = np.array([place.get(person, (np.nan, np.nan)) for person in bodies.person.tolist()]).reshape(n, 2)
-            # Boxes of sequences count pixels from the corner of the image, whatever the camera does.
+            # Boxes of sequences count pixels from the corner of the image, for every camera model.
             own_feet = feet_on_ground((camera, _camera_pose(sequence, name, frame)), sequence.setup.ground, edges + camera.pixel_centre - 0.5)
-            # Who is hidden has no visible part.
+            # A hidden person has no visible part.
             counts, judged_ = (bodies.visible > 0) | (not found.visible), np.ones(len(box), dtype=np.bool_)
             period = float(camera.width) if camera.wraps else None
             whole = bodies.seen if found.visible else bodies.full
@@ -172,7 +172,7 @@ def _images_of_recording(path: Path, result: Path, options: SourceOptions) -> It
 
 
 def _of_labels(path: Path, recording: Recording, name: str, found: tuple[range, FrameBoxes]) -> Iterator[ImageBoxes]:
-    """Of a recording with labelled boxes in place of a detector's, as JRDB."""
+    """The images of a recording with labelled boxes in place of a detector's, such as JRDB."""
     camera = recording.cameras[name].camera
     for frame in found[0]:
         box, score = found[1].get(frame, NONE)
@@ -182,7 +182,7 @@ def _of_labels(path: Path, recording: Recording, name: str, found: tuple[range, 
 
 
 def _of_camera(path: Path, recording: Recording, name: str, found: tuple[range, FrameBoxes]) -> Iterator[ImageBoxes]:
-    """Of a recording with true boxes of this camera, or with true places, of which bodies are projected."""
+    """The images of a recording with true boxes of this camera, or with true places, at which bodies are projected."""
     frames, boxes = found
     if not recording.truth:
         raise ValueError(f"{path}: has no truth, which scores need")
@@ -219,7 +219,7 @@ def _complete(recording: Recording, feet: Array) -> Mask:
 def feet_on_ground(view: tuple[Camera, Pose], ground: Ground, edges: Array) -> Array:
     """Places (n, 2) m on the ground of the middle of the lower edges of boxes (n, 4) px.
 
-    They are NaN where there is none, and for boxes that the image cuts below. view: the camera and T_world_camera.
+    They are NaN where the ray misses the ground, and for boxes that the lower border of the image cuts. view: the camera and T_world_camera.
     """
     camera, pose = view
     if not len(edges):

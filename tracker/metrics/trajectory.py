@@ -62,7 +62,7 @@ class RobotScore:
 
     @property
     def ate_yaw_m(self) -> float:
-        """The same after a rotation about the vertical and a translation of the team: the unobservable directions where "up" is measured."""
+        """The same after a rotation about the vertical and a translation of the team: the unobservable directions if gravity is measured."""
         return self.ate_yaw / self.robots if self.robots else float("nan")
 
     @property
@@ -92,10 +92,10 @@ class RobotScore:
 
     @property
     def nees_band(self) -> tuple[float, float]:
-        """The interval of nees_per_dof of a consistent filter with 95 % probability: χ² with 6 degrees of freedom a run, over as many.
+        """The interval of nees_per_dof of a consistent filter with 95 % probability: χ² with 6 degrees of freedom per run, over their number.
 
-        Only runs (sequences merged by `+`) are independent: frames are correlated in time, and robots share a map. So all of a run counts as one
-        error. The mean of correlated errors varies at most as much as one of them, so that within a long run the interval is too wide.
+        Only runs (sequences merged by `+`) are independent: frames are correlated in time, and robots share a map. So a whole run counts as one
+        error. The mean of correlated errors varies at most as much as one error, so the interval is too wide for a long run.
         """
         if not self.runs:
             return float("nan"), float("nan")

@@ -1,6 +1,6 @@
 """Online appearance model of each track: log-likelihood ratios of boxes by their appearance (Kim et al. 2015; Yoo et al. 2017).
 
-Colour histograms from images have a known distribution of distances. What the cosine of vectors that a detector gives says is learned while tracking.
+Colour histograms from images have a known distribution of distances. For cosines of a detector's own vectors it is learned online.
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ from tracker.mht.track_trees import TrackHypotheses
 from tracker.tracks.reidentification import Appearance
 
 LOG_RATIO = np.array([[1.0, 4.0], [1.5, 2.8], [2.5, 1.0], [3.5, -0.8], [5.0, -2.5], [6.5, -3.5]])
-"""Distance of a box from a track's appearance over the usual distance of a person's own boxes, and the log-likelihood ratio over another person.
+"""Rows: distance of a box from a track's appearance, over the usual distance of a person's own boxes; log-likelihood ratio over another person.
 
 Origin: PETS S2.L1, views 1 and 6, frames 0 to 399.
 """
 PRIOR_DISTANCE, PRIOR_COUNT = 0.02, 50.0
-"""Usual distance of a person's own boxes at first, and the number of boxes that this counts for."""
+"""Prior of the usual distance of a person's own boxes, and the number of boxes for which it counts."""
 DISTANCE_BOUNDS = 0.004, 0.06
 """Bounds of the usual distance."""
 MEMORY = 4000.0
-"""Pairs with which older ones fade."""
+"""Number of new pairs after which older pairs have faded to 1/e."""
 WEAK = 40.0
-"""Pairs of each kind for which "it says nothing" counts."""
+"""Number of pairs of either kind at which the log-likelihood ratio has half its weight."""
 LEAST_SIGMA = 0.01
-"""Least standard deviation of the cosines of a kind."""
+"""Least standard deviation of the cosines of either kind: of the same person, of another person."""
 MOST = 6.0
 """Greatest log-likelihood ratio, by absolute value."""
 WEIGHT, RATE = 0.7, 0.1
@@ -78,7 +78,7 @@ class AppearanceModel:
         return WEIGHT * float(np.mean(ratios)) if ratios else 0.0
 
     def with_appearance(self, leaves: TrackHypotheses, views: list[GroundDetections], box: Ints, sure: NDArray[np.bool_]) -> TrackHypotheses:
-        """The leaves with their appearance updated by their boxes; what distances and cosines say is learned from those that are `sure` (n,).
+        """The leaves with their appearance updated by their boxes; the models of distances and cosines learn from those that are `sure` (n,).
 
         box (n, V): rows of each view's boxes, −1 for none.
         """
@@ -86,7 +86,7 @@ class AppearanceModel:
             return leaves
         length = max([leaves.appearance.shape[2], *(boxes.appearance.shape[1] for boxes in views if boxes.appearance is not None)])
         mean, count = np.zeros((len(leaves), len(self.column), length)), np.zeros((len(leaves), len(self.column)))
-        # Zeros beside a shorter vector change no cosine.
+        # Padding a shorter vector with zeros changes no cosine.
         before = leaves.appearance.shape[1:]
         mean[:, : before[0], : before[1]], count[:, : before[0]] = leaves.appearance, leaves.appearance_count
         for v, boxes in enumerate(views):
@@ -114,7 +114,7 @@ class AppearanceModel:
 class CosineModel:
     """Cosines of boxes with the mean vector of their own track, and with those of other tracks of the same view, as two normal distributions.
 
-    A cosine beyond the mean of a kind says as much as the mean, so that the ratio is monotone. The scale and length of vectors do not matter.
+    Cosines beyond either mean are clipped to it, so that the ratio is monotone. The scale and length of vectors do not matter.
     """
 
     def __init__(self) -> None:

@@ -20,11 +20,11 @@ MEASURED = (0, 1, 4)
 
 
 PREDICTED = 22
-"""Numbers of `predict_measurement`."""
+"""Length of the output of `predict_measurement`."""
 
 
 class HeadMeasurement(NamedTuple):
-    """The upper edge of a box: m above a stature, its negative derivative H (3,) by place and stature, noise and variance of the innovation m²."""
+    """The upper edge of a box. above: innovation m, height less stature; H (3,): −∂above by place and stature; noise, spread: variances m²."""
 
     above: float
     H: Array
@@ -40,7 +40,7 @@ def predict_measurement(x: Array, i: int, parents: Any, v: int, boxes: Any, out:
     """Predicted direction from view v to the feet of a person at x, a partial child of leaf i, at the time of the view.
 
     out[0:3] direction; [3:6], [6:9] basis of its tangent plane; [9:13] H row by row. [13] distance m; [14] horizontal distance m;
-    [15] rad that a body reaches up; [16] height m of the ground; [17:19] its slope; [19:21] the place m.
+    [15] rad that a body extends upwards; [16] height m of the ground; [17:19] its slope; [19:21] the place m.
     [21] s from the tick to the view.
     """
     slope, place, origin, later = parents.slope[i], parents.state[i], boxes.origin[v], boxes.later[v]
@@ -121,7 +121,7 @@ def _residual(predicted: Array, v: int, d: int, boxes: Any) -> tuple[float, floa
 def _log_ratio(r0: float, r1: float, S: tuple[float, float, float], predicted: Array, box: tuple[float, float], gate: float) -> tuple[float, bool]:
     """Log-likelihood ratio of an innovation over clutter, −inf outside the gate; and whether the feet are taken as visible.
 
-    box: `detection_ratio` and `feet_hidden` of it.
+    box: its `detection_ratio` and `feet_hidden`.
     """
     a, b, c = S
     det = a * c - b * b

@@ -1,9 +1,9 @@
 """Child hypotheses of track trees, compiled: the boxes that each leaf may take at a tick, and the combinations that are kept.
 
 The order is that of multiple hypothesis tracking (Kim et al. 2015, Multiple Hypothesis Tracking Revisited, section 3): measurement prediction,
-gate, log-likelihood, children of each leaf. Last comes the joint assignment of boxes to the leaves of one global hypothesis.
+gate, log-likelihood, children of each leaf. The joint assignment of boxes to the leaves of one global hypothesis follows.
 
-A leaf takes at most one box a view. A beam search goes through the views, the one that localizes the person best first.
+A leaf takes at most one box per view. A beam search visits the views, the one that localizes the person best first.
 In each view a partial child is updated by each box within its gate, or by none, and the best few are kept.
 Each update shrinks the covariance, so that the gates of the remaining views tighten.
 """
@@ -20,7 +20,7 @@ from tracker.mht.box_update import PREDICTED, log_likelihood, predict_measuremen
 from tracker.mht.branching_data import BoxTable, BranchingConstants, ChildHypotheses, ParentHypotheses, empty_children
 
 MAX_GATED = 12
-"""Boxes of a view within the gate of a leaf, at most; those of the highest log-likelihood ratio are kept."""
+"""Greatest number of boxes of a view in the gate of a leaf; those of the highest log-likelihood ratio are kept."""
 
 NARROW_BEAM = 2
 """Width of the beam where only the best child without certain boxes is wanted."""
@@ -28,7 +28,7 @@ NARROW_BEAM = 2
 
 @njit(cache=True)
 def gate(v: int, i: int, parents: Any, boxes: Any, limits: Any, gated: Ints, ratios: Array) -> int:
-    """Rows and log-likelihood ratios of the boxes of view v in the gate of the predicted leaf i, into `gated`, `ratios` (MAX_GATED,); how many."""
+    """Write rows and log-likelihood ratios of the boxes of view v in the gate of leaf i to `gated`, `ratios` (MAX_GATED,); return their number."""
     predicted, x, P = np.empty(PREDICTED), parents.state[i], parents.covariance[i]
     predict_measurement(x, i, parents, v, boxes, predicted)
     found = 0
@@ -53,7 +53,7 @@ def gate(v: int, i: int, parents: Any, boxes: Any, limits: Any, gated: Ints, rat
 def child_ratios(b: int, i: int, v: int, parents: Any, boxes: Any, limits: Any, children: Any, gated: Ints, ratios: Array) -> Array:
     """Log-likelihood ratios (MAX_GATED,) of the boxes `gated` of view v, −1 after the last, for the partial child b of leaf i; `ratios` of the leaf.
 
-    A partial child without a box is where its leaf is.
+    A partial child without a box still has the state of its leaf.
     """
     if not (children.box[b] >= 0).any():
         return ratios
@@ -67,7 +67,7 @@ def child_ratios(b: int, i: int, v: int, parents: Any, boxes: Any, limits: Any, 
 
 @njit(cache=True)
 def _gate_all(parents: Any, boxes: Any, limits: Any) -> tuple[Any, Any, Mask]:
-    """Boxes (n, V, MAX_GATED) within the gate of each leaf, −1 after the last, their ratios, and which boxes (D,) several trees gate."""
+    """Boxes (n, V, MAX_GATED) within the gate of each leaf, −1 after the last, their ratios, and which boxes (D,) are in gates of several trees."""
     V, D = len(boxes.origin), len(boxes.cut)
     gated, ratios, owner = np.full((len(parents.state), V, MAX_GATED), -1), np.zeros((len(parents.state), V, MAX_GATED)), np.full(D, -1)
     for i in range(len(parents.state)):
@@ -84,8 +84,8 @@ def _gate_all(parents: Any, boxes: Any, limits: Any) -> tuple[Any, Any, Mask]:
 def branch(parents: ParentHypotheses, boxes: BoxTable, limits: BranchingConstants) -> ChildHypotheses:
     """The children of all leaves at this tick; the last child of each leaf has no box.
 
-    A box of the best child that other trees gate, too, is forbidden in turn, and then all such boxes at once. The best child without
-    the forbidden boxes is added unless a child avoids them already. So a child is left whatever other trees take.
+    A box of the best child is contested if another tree has it in a gate. Contested boxes are forbidden one by one, then all at once. The best
+    child without the forbidden boxes is added, unless a child avoids them already. So a child remains whatever boxes other trees take.
     """
     V = len(boxes.origin)
     out = ChildHypotheses(*empty_children(len(parents.state) * (limits.max_children + V + 2), V))
@@ -113,7 +113,7 @@ def branch(parents: ParentHypotheses, boxes: BoxTable, limits: BranchingConstant
                         m = _append(out, m, start, i, narrow, b)
                 banned[:] = False
         out.parent[m], out.state[m], out.covariance[m] = i, parents.state[i], parents.covariance[i]
-        # Missed detections in all views at once have one cause, and count as a few.
+        # Misses in all views at once have a common cause, so their sum is bounded.
         out.increment[m] = 0.0 if parents.deleted[i] else max(parents.missed[i].sum(), limits.missed_by_all)
         out.missed[m] = out.increment[m]
         m += 1
@@ -125,9 +125,9 @@ def branch(parents: ParentHypotheses, boxes: BoxTable, limits: BranchingConstant
 
 @njit(cache=True)
 def _beam_search(i: int, parents: Any, boxes: Any, limits: Any, gates: Any, banned: Mask, beam: Any) -> int:
-    """Children of leaf i into the arrays of `beam`, unordered, as many as it has rows at most; how many.
+    """Write the children of leaf i to the rows of `beam`, unordered; return their number, at most that of the rows.
 
-    gates: boxes (V, MAX_GATED) within its gate, −1 after the last, and their ratios for the leaf. banned (D,): boxes that it must not take.
+    gates: boxes (V, MAX_GATED) in the gates of the leaf, −1 after the last, and their ratios. banned (D,): boxes that children must not take.
     """
     gated, ratios = gates
     size = len(beam.increment) * (MAX_GATED + 1)
@@ -168,7 +168,7 @@ def _beam_search(i: int, parents: Any, boxes: Any, limits: Any, gates: Any, bann
 
 @njit(cache=True)
 def view_order(i: int, parents: Any, boxes: Any) -> Ints:
-    """Views in the order of how well they localize leaf i: distance² over height, by which an angle grows on the ground, ascending."""
+    """Views by ascending distance² over height, the factor from an angular error to an error of leaf i on the ground: the most accurate first."""
     V = len(boxes.origin)
     key = np.empty(V)
     for v in range(V):
@@ -179,7 +179,7 @@ def view_order(i: int, parents: Any, boxes: Any) -> Ints:
 
 @njit(cache=True)
 def _append(out: Any, m: int, start: int, i: int, beam: Any, b: int) -> int:
-    """Child b of leaf i into row m, unless it takes no box or is among rows start to m; the next free row."""
+    """Copy child b of leaf i to row m, unless it takes no box or is among rows start to m; return the next free row."""
     if not (beam.box[b] >= 0).any():
         return m
     for k in range(start, m):
@@ -193,7 +193,7 @@ def _append(out: Any, m: int, start: int, i: int, beam: Any, b: int) -> int:
 
 @njit(cache=True)
 def _any_avoids(box: Ints, banned: Mask) -> bool:
-    """Whether one of the children with boxes (k, V) takes none that is banned."""
+    """Whether any of the children with boxes (k, V) takes no banned box."""
     for k in range(len(box)):
         free = True
         for v in range(box.shape[1]):

@@ -17,7 +17,7 @@ from tracker.mht.track_trees import TrackHypotheses
 from tracker.tracks.sensor_model import SensorModel
 
 SLOPE_REACH = 0.3
-"""m over which slopes are taken: steeper steps of the ground are finer than what is known of a place."""
+"""m to each side over which slopes are averaged: smaller steps of the ground are below the error of a place."""
 
 
 class ParentHypotheses(NamedTuple):
@@ -25,7 +25,7 @@ class ParentHypotheses(NamedTuple):
 
     state (n, 5) m, m/s, m; covariance (n, 5, 5); z (n,) m and slope (n, 2) of the ground there. missed (n, V): log-likelihood of a missed detection
     in each view. deleted (n,): a deleted track, which takes no box. tree (n,): its id.
-    links (n, D): log-likelihood ratio of each box for each leaf by images.
+    links (n, D): log-likelihood ratio of each box for each leaf from images.
     """
 
     state: Array
@@ -49,8 +49,8 @@ class ParentHypotheses(NamedTuple):
 class RangeTable(NamedTuple):
     """The range likelihoods of A ambiguous boxes on one grid of k distances, as in RangeLikelihood.
 
-    distance, step (k,) m; edge (A, k) a radian, height (A, k) m, error (A, k) m.
-    people (5,): mean and standard deviation of statures m, share of outliers, least and greatest stature m of these; head_sigma m.
+    distance, step (k,) m; edge (A, k) per radian, height (A, k) m, error (A, k) m.
+    people (5,): mean and standard deviation of statures m, share of outliers, least and greatest stature m of outliers; head_sigma m.
     """
 
     distance: Array
@@ -79,7 +79,7 @@ class BoxTable(NamedTuple):
     Of the views: origin (V, 3) m; later (V,) s after the tick; bias (V, 6), the registration bias about `centre` (2,) m as in RegistrationBias.of.
     Of the boxes: direction (D, 3) to the feet and covariance (D, 2, 2) rad²; feet_hidden (D,): probability that the box ends above the feet.
     head_slope (D,): tangent of the elevation of the upper edge.
-    detection_ratio (D,): log of the detection rate over the density of false boxes a steradian. existence_ratio (D,): log-likelihood ratio of a
+    detection_ratio (D,): log of the detection rate over the density of false boxes per steradian. existence_ratio (D,): log-likelihood ratio of a
     person over clutter, whatever the direction.
     weakness (D,): by how much existence_ratio is less than that of the most confident box of the view at this tick.
     cut (D,): the lower edge is at the image's edge; stature (D,): the upper edge measures statures; ambiguous (D,): row of `ranges`, or −1.
@@ -104,7 +104,7 @@ class BoxTable(NamedTuple):
 
     @staticmethod
     def of(views: list[GroundDetections], sensors: SensorModel, clutter: float) -> BoxTable:
-        """clutter: least density of false boxes of a view, a steradian."""
+        """clutter: least density of false boxes of a view, per steradian."""
         q = sensors.parameters
 
         def column(name: str, shape: tuple[int, ...]) -> Array:
@@ -127,12 +127,12 @@ class BoxTable(NamedTuple):
 
 
 class BranchingConstants(NamedTuple):
-    """What bounds the children of a leaf.
+    """Bounds on the children of a leaf.
 
     gate: standard deviations; foot_spread m; min_height, max_height m of a person. missed_by_all: least log-likelihood of missed detections in all
     views at once. margin: log-likelihood by which a child may be worse than the best one.
-    least_fit: log-likelihood ratio that a box would have for the place of a leaf, were it the most confident one of its view, at least.
-    beam_width, max_children: partial children and children that are kept.
+    least_fit: least log-likelihood ratio of a box for a leaf, computed with the highest confidence of the view.
+    beam_width, max_children: numbers of partial children and of children that are kept.
     """
 
     gate: float
@@ -150,10 +150,10 @@ class BranchingConstants(NamedTuple):
 class Observation:
     """The V views of a tick with their viewpoints and all their boxes in one table, and the n leaves that are predicted to it.
 
-    limits: what bounds the children. active (a,): rows of the leaves in the last global hypothesis that are not deleted. bodies: people at the
-    places of the leaves, of whom the active ones may occlude others. expected (n, V): probability that a view should have a box of a leaf, relative
-    to people in full view. missed (n, V): log-likelihood of a missed detection. A revisit of the cameras holds as many as one tick of all does.
-    chance (n,): probability that some view should have a box of a leaf.
+    limits: bounds on the children. active (a,): rows of the leaves in the last global hypothesis that are not deleted. bodies: people at the
+    places of the leaves, of whom the active ones may occlude others. expected (n, V): detection rate of a leaf in a view, relative to people
+    in full view. missed (n, V): log-likelihood of a missed detection. Its sum over a revisit is the same for synchronous and staggered cameras.
+    chance (n,): probability that some view detects the person of a leaf.
     """
 
     views: list[GroundDetections]
@@ -172,7 +172,7 @@ class ChildHypotheses(NamedTuple):
     """m children, grouped by parent, the best first and the one without any box last.
 
     parent (m,): row of the leaf; box (m, V): rows of BoxTable or −1. increment (m,) of the track score, of which missed (m,) comes from views
-    without a box; state (m, 5), covariance (m, 5, 5). residual (m, V, 2) rad, H and S (m, V, 2, 2): innovations, NaN without feet.
+    without a box; state (m, 5), covariance (m, 5, 5). residual (m, V, 2) rad, H and S (m, V, 2, 2): innovations, NaN without visible feet.
     """
 
     parent: Ints
@@ -188,7 +188,7 @@ class ChildHypotheses(NamedTuple):
 
 @njit(cache=True)
 def empty_children(m: int, V: int) -> Any:
-    """The columns of m ChildHypotheses before V views, without any box."""
+    """The columns of m ChildHypotheses for V views, without any box."""
     return (
         np.zeros(m, np.int64), np.full((m, V), -1, np.int64), np.zeros(m), np.zeros(m), np.zeros((m, 5)), np.zeros((m, 5, 5)),
         np.full((m, V, 2), np.nan), np.zeros((m, V, 2, 2)), np.zeros((m, V, 2, 2)),

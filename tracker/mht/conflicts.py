@@ -1,7 +1,7 @@
 """Conflicts between the leaves of track trees, compiled.
 
 Two leaves are in conflict where they share a tree or a box, or inherit a conflict from their parents (Kim et al. 2015; Papageorgiou & Salpukas 2009).
-So are leaves while they are too near each other for two bodies. Else a detector's second boxes of a person would have a track.
+Leaves also conflict while they are too near each other for two bodies. Otherwise second boxes of one person would get a track.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from tracker.mht.track_trees import TrackHypotheses
 
 @njit(cache=True)
 def conflicts_of(old: Mask, parent: Ints, tree: Ints, box: Ints) -> Mask:
-    """Which two of m leaves (m, m) are never both true: those in conflict by their parents (−1 for a root, which has none), or by this tick.
+    """Which pairs of m leaves (m, m) exclude each other, through their parents (−1 for a root, which has none) or at this tick.
 
     old (n, n): conflicts of the leaves of the last tick. tree (m,); box (m, V): the box of each view, or −1.
     """
@@ -35,13 +35,13 @@ def conflicts_of(old: Mask, parent: Ints, tree: Ints, box: Ints) -> Mask:
 
 
 def of_one_body(leaves: TrackHypotheses, least: float) -> Mask:
-    """Which two of n leaves (n, n) are too near each other for two bodies: less than `least` m in the mean of the ticks that both remember."""
+    """Which pairs of n leaves (n, n) are too near for two bodies: their mean distance over the ticks that both remember is below `least` m."""
     return np.asarray(_too_near(leaves.tree, leaves.state, leaves.states, leaves.age, least))
 
 
 @njit(cache=True)
 def _too_near(tree: Ints, state: Array, states: Array, age: Ints, least: float) -> Mask:
-    """`of_one_body` for trees (n,), states (n, 5), remembered states (n, T, 5), the latest first, and numbers of them (n,)."""
+    """`of_one_body` for trees (n,), states (n, 5), remembered states (n, T, 5), the latest first, and ages (n,) in ticks."""
     n, window = states.shape[:2]
     out = np.zeros((n, n), np.bool_)
     for i in range(n):
@@ -57,7 +57,7 @@ def _too_near(tree: Ints, state: Array, states: Array, age: Ints, least: float) 
 
 @njit(cache=True)
 def _exclude(label: Ints, conflict: Mask) -> None:
-    """Set the conflicts, in place, of rows with one label (m,) of 0 or more."""
+    """Mark rows of equal label (m,) as conflicting, in place; negative labels are none."""
     order, first = np.argsort(label, kind="mergesort"), 0
     for k in range(1, len(order) + 1):
         if k == len(order) or label[order[k]] != label[order[first]]:

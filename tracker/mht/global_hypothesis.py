@@ -1,4 +1,4 @@
-"""The global hypothesis: the maximum-weight clique of leaves that may be true together (Reid 1979; Kim et al. 2015, section 3.4)."""
+"""The global hypothesis: the maximum-weight clique of compatible leaves (Reid 1979; Kim et al. 2015, section 3.4)."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ CliqueSolver = Callable[[Component, MhtParameters], list[Ints]]
 """Heavy cliques of a component that has compatible vertices: different ones, the best first, at most K_H."""
 
 Solved = dict[bytes, tuple[Array, Mask]]
-"""By the rows and the start of a component: weights (k,) of its optima, and which of its rows (k, rows) each holds."""
+"""Key: rows and start of a component. Value: weights (k,) of its optima, and which of its rows (k, rows) each holds."""
 
 
 class HypothesisSearch:
@@ -61,7 +61,7 @@ class HypothesisSearch:
         """
         q = self.parameters
         weight = leaves.score
-        # A leaf that is too fast is not kept. If it were chosen here, its tree would lose the leaves that agree with the others.
+        # A leaf that is too fast is not kept. If it were chosen here, N-scan pruning would remove other leaves of its tree.
         usable = (weight > 0) & (leaves.speed <= q.motion.v_max)
         # Leaves that are not usable stay in the graph, but are never chosen.
         graph = Graph.from_rows(weight, np.count_nonzero(conflict, axis=1), np.flatnonzero(conflict) % max(len(weight), 1))

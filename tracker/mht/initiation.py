@@ -1,4 +1,4 @@
-"""Roots of new track trees: groups of boxes that nobody takes, and what these boxes tell of place and stature."""
+"""Roots of new track trees: groups of unassigned boxes, and the places and statures that these boxes measure."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from tracker.mht.track_trees import TrackHypotheses
 from tracker.tracks.tracks import Places, with_places
 
 CERTAIN_PRIOR = 0.99
-"""Expectation of the walkable prior from which it leaves a track unchanged."""
+"""Expectation of the walkable prior at and above which a track stays unchanged."""
 
 
 def with_statures(roots: TrackHypotheses, groups: list[CrossViewGroup], now: Observation, ground: Ground) -> None:
-    """Update the roots (g,), in place, by the upper edges of their boxes, or by the range likelihood of an ambiguous box alone."""
+    """Update the roots (g,), in place, by the upper edges of their boxes; without any, by the range likelihood of an ambiguous box."""
     n, views = len(roots), now.views
     if all(feet.ranges is None for feet in views) or not n:
         return
@@ -47,7 +47,7 @@ def _measure_stature(k: int, v: int, d: int, parents: Any, boxes: Any, limits: A
 
 
 def _along_ray(x: Array, P: Array, feet: GroundDetections, d: int) -> None:
-    """Correlate place and stature of x (5,), P (5, 5), in place, as the ambiguous box d does."""
+    """Set the stature of x (5,), P (5, 5) and its correlation with the place, in place, by the range likelihood of ambiguous box d."""
     assert feet.ranges is not None
     u = feet.direction[d, :2] / np.hypot(*feet.direction[d, :2])
     (mean,), (range_covariance,) = feet.ranges.initial(np.array([d]))

@@ -1,4 +1,4 @@
-"""Joint assignment of boxes to the leaves of one global hypothesis, one 2-D assignment a view."""
+"""Joint assignment of boxes to the leaves of one global hypothesis, one 2-D assignment per view."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def assigned_boxes(rows: Ints, children: ChildHypotheses, boxes: BoxTable) -> Ma
     for v, (start, end) in enumerate(itertools.pairwise(boxes.start.tolist())):
         best = np.full((len(rows), end - start + 1), -np.inf)
         np.maximum.at(best, (row, np.where(box[:, v] >= 0, box[:, v] - start, -1)), increment)
-        # Where every child of a leaf takes a box of this view, the leaf takes one of them.
+        # Where every child of a leaf takes a box of this view, the leaf takes one of these boxes.
         none = np.maximum(best[:, -1:], best.max(axis=1, keepdims=True) - NO_ALTERNATIVE)
         out[start + _assign(np.maximum(best[:, :-1] - none, 0.0))[1]] = True
     return out

@@ -1,6 +1,6 @@
 """Pruning of track trees: N-scan pruning, deletion, and bounds on the number of children and leaves.
 
-A leaf is kept by its max-marginal loss: what the global hypothesis would lose to hold it.
+Leaves are ranked by their max-marginal loss: the weight that the global hypothesis would lose if it had to hold the leaf.
 """
 
 from __future__ import annotations
@@ -30,22 +30,22 @@ class Lifetimes(NamedTuple):
 
 
 def surviving_leaves(leaves: TrackHypotheses, box: Ints, chosen: GlobalHypothesis, longest: Lifetimes, parameters: MhtParameters) -> Mask:
-    """Which leaves (n,) are kept: not of deleted tracks, after N-scan pruning, and of the smallest loss within the bounds on their number.
+    """Which leaves (n,) are kept: within their lifetimes, consistent with N-scan pruning, and of the smallest loss within the bounds on their number.
 
     box (n, V): the box that each leaf takes in each view at this tick, or -1.
     """
     q = parameters
-    # A tentative track that takes boxes of others is never in the global hypothesis, and would stay for ever.
+    # A tentative track that takes boxes of other tracks is never in the global hypothesis, and would otherwise stay for ever.
     tentative = (leaves.misses < 2.5) & (leaves.existence > logit(q.forget)) & (leaves.unselected <= PATIENCE + 0.5)
     keep = np.where(leaves.confirmed, (leaves.misses <= longest.coasting) & (leaves.unselected <= longest.unselected), tentative)
     keep &= leaves.speed <= q.motion.v_max
     keep &= _within_n_scan(leaves, chosen.best, longest.scan)
-    # Ids of trees grow without bound; their places among those that are left do not.
+    # Ids of trees grow without bound; their ranks among the remaining trees do not.
     _, tree = np.unique(leaves.tree, return_inverse=True)
     loss = max_marginal_losses(np.maximum(leaves.score, 0.0), chosen.conflict, tree, chosen.best)
     loss[chosen.best] = -np.inf
     most = np.where(leaves.confirmed, q.tree_leaves, q.tentative_leaves)
-    # Leaves that are dropped already take no place of their tree.
+    # Leaves that are dropped already do not count towards the bound of their tree.
     keep &= k_best_per_tree(tree, box, leaves.state, np.where(keep, loss, np.inf), most)
     keep &= (loss < q.max_loss) | ~leaves.confirmed
     if q.k_h > 1:
@@ -67,8 +67,8 @@ def _within_n_scan(leaves: TrackHypotheses, best: Ints, n_scan: int) -> Mask:
 def prune_branches(children: ChildHypotheses, tree: Ints, misses: Array, margin: float, boxes: int) -> Mask:
     """Which children (m,) are kept: those within `margin` of the best child of their leaf.
 
-    All are kept where the best one takes a box that other trees want, too. So are those of a leaf without a box for two revisits.
-    tree, misses: of the parents; boxes: their number.
+    All are kept where the best one takes a box that other trees take, too, and where the leaf had no box for two revisits.
+    tree, misses: of the parents; boxes: number of boxes.
     """
     m, V = children.box.shape
     owner = np.full(boxes, -1, np.int64)

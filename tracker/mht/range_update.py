@@ -16,7 +16,7 @@ from tracker.geometry import Array
 from tracker.geometry.compilation import njit
 
 MIN_DENSITY = 0.01
-"""Least density, a radian, of a box in the gate of a leaf."""
+"""Least density, per radian, of a box in the gate of a leaf."""
 
 REACH = 6.0
 """Standard deviations of the predicted distance over which the grid is summed."""
@@ -24,7 +24,7 @@ REACH = 6.0
 
 @njit(cache=True)
 def head_log_ratio(above: float, spread: float, height: float, noise: float, people: Array) -> float:
-    """Log-likelihood ratio of the height of a box by a stature, which it exceeds by `above` ± √spread m, over that of people in general."""
+    """Log-likelihood ratio of the height of a box: for a stature that it exceeds by `above` ± √spread m, over people in general."""
     outlier = people[2] / (people[4] - people[3])
     usual, wide = height - people[0], people[1] ** 2 + noise
     track = (1 - people[2]) * math.exp(-0.5 * above * above / spread) / math.sqrt(6.28318531 * spread) + outlier
@@ -62,7 +62,7 @@ def _across(x: Array, P: Array, v: int, d: int, boxes: Any, spread: float, out: 
 
 @njit(cache=True)
 def _posterior(row: int, prior: Array, ranges: Any, out: Array) -> float:
-    """Density, a radian, of the ambiguous box `row` for a person of distance and stature prior[0:2] m with covariance prior[2:5] m².
+    """Density, per radian, of the ambiguous box `row` for a person of distance and stature prior[0:2] m with covariance prior[2:5] m².
 
     out[0:2] mean of distance and stature m, out[2:5] their covariance m² given the box, entries 00, 01, 11; not set where the density is 0.
     """
@@ -107,7 +107,7 @@ def _posterior(row: int, prior: Array, ranges: Any, out: Array) -> float:
 
 @njit(cache=True)
 def range_log_density(x: Array, P: Array, v: int, d: int, boxes: Any, limits: Any) -> float:
-    """Log density, a steradian, of the ambiguous box d of view v for the leaf x, P; −inf outside the gate."""
+    """Log density, per steradian, of the ambiguous box d of view v for the leaf x, P; −inf outside the gate."""
     line, after = np.empty(10), np.empty(5)
     _across(x, P, v, d, boxes, limits.foot_spread, line)
     square = line[2] * line[2]
@@ -140,7 +140,7 @@ def correct_range(x: Array, P: Array, v: int, d: int, boxes: Any, limits: Any) -
 def set_marginal(x: Array, P: Array, line: Array, after: Array) -> None:
     """Give x, P, in place, the mean and covariance `after` of distance along line[0:2] and stature, in place of those in line[4:9].
 
-    The other components change by their regression on these, as in a smoother.
+    The other components change by their regression on distance and stature, as in a smoother.
     """
     a, b, c = line[6], line[7], line[8]
     det = max(a * c - b * b, 1e-12)

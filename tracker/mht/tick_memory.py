@@ -1,4 +1,4 @@
-"""How far the tracker remembers: the last ticks with their real intervals, and the parts of them that the windows of time span."""
+"""The memory of the tracker: real intervals between the last ticks, and the number of ticks in each time window."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ class Step(NamedTuple):
 
     @property
     def revisits(self) -> float:
-        """The interval in revisits: 1 where all cameras are in step."""
+        """The interval in revisits: 1 where all cameras are synchronous."""
         return self.seconds / self.revisit
 
 
 @final
 class TickMemory:
-    """The last ticks. Windows are times, so that they hold more ticks where these are denser: N-scan pruning and the smoother mean the same."""
+    """The last ticks. Windows are durations, so that N-scan pruning and the smoother span the same time at any density of ticks."""
 
     def __init__(self, n_scan: float, delay: int, period: float, revisit: float) -> None:
-        """n_scan: s. delay: reported ticks that are remembered at least. period: usual s between reported ticks. revisit: as in Setup."""
+        """n_scan: s. delay: least number of reported ticks that are remembered. period: usual s between reported ticks. revisit: as in Setup."""
         self.n_scan, self.delay, self.revisit = n_scan, delay, revisit
         self._intervals, self._elapsed = Intervals(period), -period
-        # Before the first tick nothing happened, at the usual period.
+        # The memory starts with virtual ticks at the usual period.
         count = max(round(n_scan / period), delay) + 2
         self._seconds: deque[float] = deque([period] * count)
         self._reported: deque[bool] = deque([True] * count)
@@ -54,7 +54,7 @@ class TickMemory:
         return Step(seconds, self.revisit, self._elapsed, scan, window)
 
     def _nearest(self, seconds: float) -> int:
-        """How many ticks ago the one was whose age is nearest to so many seconds."""
+        """Number of ticks since the tick whose age is nearest to `seconds`."""
         age = 0.0
         for k, step in enumerate(reversed(self._seconds)):
             if age + step / 2 >= seconds:
@@ -63,7 +63,7 @@ class TickMemory:
         return len(self._seconds)
 
     def _frames_back(self, count: int) -> int:
-        """How many ticks ago the reported tick was that is `count` reported ticks before the last one."""
+        """Number of ticks since the reported tick that is `count` reported ticks before the last reported one."""
         for k, reported in enumerate(reversed(self._reported)):
             count -= reported
             if count < 0:

@@ -1,10 +1,10 @@
 """Track trees: all track hypotheses (leaves) of all people in arrays, with a constant-velocity model on the ground, and their fixed-lag smoother.
 
-A row is a leaf: one possible track of one person. It holds what a Kalman filter needs, and what the fixed-lag smoother needs of the last ticks.
+A row is a leaf: one possible track of one person. It holds the state of a Kalman filter, and past states for the fixed-lag smoother.
 All leaves of all trees lie in the same arrays, so that a tick costs a few numpy calls. Nothing is changed in place.
 
-The smoother gives the frame `delay` frames ago, given all measurements up to now. A leaf remembers its filtered states, which the fixed-interval
-smoother goes through backwards (Rauch, Tung, Striebel 1965, Maximum likelihood estimates of linear dynamic systems).
+The smoother estimates the frame `delay` frames ago, given all measurements up to now. A leaf remembers its filtered states, and the fixed-interval
+smoother passes backwards through them (Rauch, Tung, Striebel 1965, Maximum likelihood estimates of linear dynamic systems).
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ class TrackHypotheses:
 
     tree (n,): id of the track tree, never used again. state (n, 5): x, y m, velocity m/s, and stature m; covariance (n, 5, 5).
     score (n,): log-likelihood ratio of the whole track against clutter. existence (n,): log-odds that there is a person, by
-    boxes and missed detections whatever their places. confirmed (n,), deleted (n,): status of the track.
-    hits, age (n,): ticks with a box, ticks since initiation. Times are in revisits (Setup.revisit): ticks where all cameras are in step.
-    misses, out_of_view, unselected (n,): since the last box, outside all views, outside the global hypothesis.
-    due (n,): since a view could last have shown the person, at most 1. expected_misses (n,): sum since the last box of `due` times the probability
-    that some view should have had one.
+    boxes and missed detections, without the likelihoods of places. confirmed (n,), deleted (n,): status of the track.
+    hits, age (n,): ticks with a box, ticks since initiation. The next times are in revisits (Setup.revisit): ticks where cameras are synchronous.
+    misses, out_of_view, unselected (n,): time since the last box, outside all views, outside the global hypothesis.
+    due (n,): time since a view could last have detected the person, at most 1. expected_misses (n,): sum since the last box of `due` times the
+    probability that some view detects the person.
     node (n, W): ids of the tree's nodes, the latest first. states (n, W, 5) and covariances (n, W, 5, 5): filtered. detected (n, W): with a box.
     past_gaps (n, W): s since the last box before each tick.
     appearance (n, C, d): appearance in each camera, the mean of appearance_count (n, C) boxes; C is 0 while no box has an appearance.
@@ -99,9 +99,9 @@ def position_sigma(covariance: Array) -> Array:
 def initiated(
     first_tree: int, groups: list[CrossViewGroup], motion: MotionParameters, stature: tuple[float, float], size: tuple[int, int, int]
 ) -> TrackHypotheses:
-    """One new tree a group of boxes, at rest with an unknown velocity.
+    """One new tree per group of boxes, with a velocity of mean 0.
 
-    stature: mean and standard deviation of people, m; size: ticks of memory, cameras, and length of an appearance.
+    stature: mean and standard deviation of people, m; size: ticks of memory, number of cameras, and length of an appearance vector.
     """
     n, (window, cameras, length) = len(groups), size
     state, covariance = np.zeros((n, 5)), np.zeros((n, 5, 5))
@@ -136,7 +136,7 @@ def predict(tracks: TrackHypotheses, step: Step, motion: MotionParameters) -> Tr
 
 
 def coasted(predicted: TrackHypotheses, step: Step) -> TrackHypotheses:
-    """Predicted leaves after a tick without a view: nobody could be seen, so that nothing is decided."""
+    """Predicted leaves after a tick without views. Nobody could be detected, so the global hypothesis stays the same."""
     memory = {name: getattr(predicted, name).copy() for name in ("node", "states", "covariances")}
     memory["states"][:, 0], memory["covariances"][:, 0] = predicted.state, predicted.covariance
     if step.window > 1:
@@ -145,7 +145,7 @@ def coasted(predicted: TrackHypotheses, step: Step) -> TrackHypotheses:
 
 
 def survived(existence: Array, leaving: float) -> Array:
-    """Existence (n,), log-odds, after a time in which a person leaves with a small probability `leaving` (Bernoulli filter: Ristic et al. 2013)."""
+    """Existence (n,), log-odds, after a time in which a person leaves with probability `leaving`, below 1 (Bernoulli filter: Ristic et al. 2013)."""
     return np.asarray(np.log1p(-leaving) - np.logaddexp(-existence, np.log(leaving)))
 
 
@@ -154,7 +154,7 @@ class MhtFixedLagSmoother:
     """The people of `delay` frames ago, from the memory of the tracks in the global hypothesis. A delay of 0 reports at once."""
 
     def __init__(self, delay: int, motion: MotionParameters, hidden_sigma: float) -> None:
-        """hidden_sigma m: standard deviation of a place up to which a hidden person is reported who is not seen again.
+        """hidden_sigma m: hidden people who are not seen again are reported up to this standard deviation of the place.
 
         Raises ValueError where delay is below 0.
         """
@@ -162,14 +162,14 @@ class MhtFixedLagSmoother:
             raise ValueError(f"delay is {delay} frames, needs 0 or more")
         self.delay, self.motion, self.hidden_sigma = delay, motion, hidden_sigma
         self._waiting: deque[int] = deque()  # for each frame that is not reported yet, the number of ticks up to it
-        self._steps: deque[float] = deque()  # s before each tick since the oldest of them, the latest last
+        self._steps: deque[float] = deque()  # s before each tick after the oldest of these frames, the latest last
         self._taken = 0
         self._last: tuple[TrackHypotheses, Mask] | None = None
 
     def feed(self, tracks: TrackHypotheses, present: Mask, seconds: float, reported: bool = True) -> Tracks | None:
-        """Take the tracks (n,) after a tick, and which are present; the people of the frame `delay` frames before, None at the start.
+        """Take the tracks (n,) after a tick, and which are present. Returns the people `delay` frames before, None at the start.
 
-        seconds: since the tick before. reported: whether the tick is a frame; None is given for others.
+        seconds: since the tick before. reported: whether the tick ends a frame; the result of other ticks is None.
         """
         self._taken += 1
         self._steps.append(seconds)
@@ -197,14 +197,14 @@ class MhtFixedLagSmoother:
         """The people of `ago` ticks before the last."""
         assert self._last is not None
         tracks, present = self._last
-        # A person was there if detected at that tick or later, if still present, or if hidden for so short a time that the place was known.
+        # A person was there if detected at that tick or later, if still present, or if hidden while the place was still known.
         hidden = ~tracks.deleted & (tracks.out_of_view == 0) & (position_sigma(tracks.covariances[:, ago]) <= self.hidden_sigma)
         there = (tracks.age > ago) & tracks.confirmed & (present | hidden | tracks.detected[:, : ago + 1].any(axis=1))
         return smoothed(tracks.select(there), list(self._steps)[::-1][:ago], self.motion)
 
 
 def smoothed(tracks: TrackHypotheses, steps: list[float], motion: MotionParameters) -> Tracks:
-    """The smoothed tracks of as many ticks before as there are `steps`, s before each tick, the latest first; all tracks are older than that."""
+    """The smoothed tracks `len(steps)` ticks ago; all tracks must be older. steps: s from the tick before to each tick, the latest first."""
     x, P = tracks.states[:, 0], tracks.covariances[:, 0]
     for k, seconds in enumerate(steps, 1):
         (F, Q), state, covariance = coasting_transition(tracks.past_gaps[:, k - 1], seconds, motion), tracks.states[:, k], tracks.covariances[:, k]

@@ -1,7 +1,7 @@
 """Multiple hypothesis tracking of people: track trees, and the global hypothesis of each tick as a maximum-weight clique of leaves.
 
 `MhtFilter.step` takes the boxes of all views at a tick and gives the tracks of the global hypothesis.
-The global hypothesis is found anew at every tick, so that a wrong association is corrected within the N-scan window.
+The global hypothesis is computed anew at every tick, so that a wrong association can be corrected within the N-scan window.
 
 It differs from Yoo et al. (2017) in four points:
 
@@ -50,34 +50,34 @@ from tracker.types import Setup
 from tracker.types.ticks import ROUNDING
 
 MOSTLY = 0.9
-"""Revisits since the last box within which a person counts as seen: less than one, as clocks jitter."""
+"""A person counts as seen if the last box is fewer revisits ago. The bound is below 1 because clocks jitter."""
 
 MAX_OUTSIDE = 3 / 7
-"""s outside all views after which a person is gone."""
+"""s outside all views after which a confirmed track is deleted."""
 
 REPORT_SIGMA = 1.0
-"""m, standard deviation of a place from which a coasting person is reported no more."""
+"""m, standard deviation of a place above which a coasting person is no longer reported."""
 
 COVERING_SHARE = 0.3
-"""Probability that a person without a box stands before another one's box, whose corners then are theirs."""
+"""Probability that an undetected person stands in front of another person's box, so that the corners in the box are theirs."""
 
 SUPPORTED = 0.5
-"""Probability that a box that nobody takes is false, where a box of another view may be of the same person."""
+"""Probability that an unassigned box is false, where a box of another view may show the same person."""
 
 
 @final
 class MhtTracker:
-    """The tracker of people by multiple hypotheses, which reports `delay` frames late. Raises ValueError where delay is below 0."""
+    """The multiple-hypothesis tracker of people, which reports `delay` frames late. Raises ValueError where delay is below 0."""
 
     def __init__(self, setup: Setup, parameters: MhtParameters, delay: int, solver: CliqueSolver | None = None) -> None:
-        """solver: of the graphs of leaves, by default `proved_cliques`."""
+        """solver: finds heavy cliques in the graphs of leaves; by default `proved_cliques`."""
         # Without known occluders, a track that is not seen again is more often wrong than hidden.
         hidden_sigma = 0.0 if setup.occluders is None else REPORT_SIGMA
         self._smoother = MhtFixedLagSmoother(delay, parameters.motion, hidden_sigma)
         self.filter = MhtFilter(setup, parameters, delay, solver)
 
     def step(self, views: list[GroundDetections], cameras: list[Viewpoint], time: float, reported: bool = True) -> Tracks | None:
-        """Take a tick at `time` s; the people of the frame `delay` frames before, None at the start and where the tick is not `reported`."""
+        """Process a tick at `time` s. Returns the people `delay` frames before, None at the start and where the tick is not `reported`."""
         tracks, present = self.filter.step(views, cameras, time, reported)
         return self._with_person_ids(self._smoother.feed(tracks, present, self.filter.now.seconds, reported))
 
@@ -86,7 +86,7 @@ class MhtTracker:
         return self._with_person_ids(self._smoother.drain())
 
     def current(self) -> Tracks:
-        """The people of the last tick, before what comes later corrects them. Raises ValueError before the first tick."""
+        """The people of the last tick, without correction by later ticks. Raises ValueError before the first tick."""
         return self.filter.reidentification.relabelled(self._smoother.current())
 
     def _with_person_ids(self, people: Tracks | None) -> Tracks | None:
@@ -98,7 +98,7 @@ class NewLeaves:
     """The n leaves of a tick before they are pruned.
 
     parent (n,): row of the leaf of the last tick, −1 for a root. box (n, V): row of BoxTable that each leaf takes in each view, −1 for none.
-    conflict (n, n): which two are never both true.
+    conflict (n, n): which pairs of leaves exclude each other.
     """
 
     leaves: TrackHypotheses
@@ -118,7 +118,7 @@ class MhtFilter:
     """The online filter: its state after a tick depends on the ticks up to it alone."""
 
     def __init__(self, setup: Setup, parameters: MhtParameters, delay: int = 0, solver: CliqueSolver | None = None) -> None:
-        """delay: frames that the tracks remember at least."""
+        """delay: least number of frames that tracks remember."""
         self.setup, self.parameters = setup, parameters
         self.sensor_model = SensorModel(setup, parameters)
         self._stature = parameters.fusion.statures
@@ -133,7 +133,7 @@ class MhtFilter:
         self._longest, self._max_gap = _longest(parameters, setup, delay)
         self._viewpoints: dict[str, Viewpoint] = {}  # the last one of each view
         self.leaves = TrackHypotheses.none(1)
-        self.conflict = np.zeros((0, 0), dtype=bool)  # (n, n): which two leaves are never both true
+        self.conflict = np.zeros((0, 0), dtype=bool)  # (n, n): which pairs of leaves exclude each other
         self.best = np.zeros(0, dtype=np.int64)  # rows of the leaves in the global hypothesis
         self.kept = np.zeros((0, 1), dtype=bool)  # which leaves each hypothesis holds; the last column is for roots, whose parent is −1
         self._owners = TrackOwners()
@@ -142,7 +142,7 @@ class MhtFilter:
         self._next_tree, self._next_node, self._ticks = 1, 0, 0
 
     def step(self, views: list[GroundDetections], cameras: list[Viewpoint], time: float, reported: bool = True) -> tuple[TrackHypotheses, Mask]:
-        """Take one tick at `time` s; cameras: the viewpoint of each view. The tracks (k,) of the global hypothesis, and which are present."""
+        """Process a tick at `time` s; cameras: viewpoint of each view. Returns the people (k,) in the global hypothesis, and which are present."""
         self.now = self._memory.step(time, reported)
         self._ticks += 1
         if not views:
@@ -170,7 +170,7 @@ class MhtFilter:
 
     def _present(self) -> tuple[TrackHypotheses, Mask]:
         people = self.leaves.select(self.best[~self.things.likely(self.leaves.tree[self.best], self.parameters.thing)])
-        # Time in which no view could have had a box does not count as a gap.
+        # Time in which no view could have detected the person does not count as a gap.
         present = people.confirmed & ~people.deleted & (people.expected_misses <= self._max_gap)
         present &= (people.misses < MOSTLY) | (people.position_sigma <= REPORT_SIGMA)
         return people, present
@@ -190,7 +190,7 @@ class MhtFilter:
         for v, boxes in enumerate(views):
             missed[:, v] = self.sensor_model.missed(boxes.camera, expected[:, v])
         chance = 1 - np.exp(missed.sum(axis=1))
-        # Misses of one revisit have one cause, whether views are in step or one after the other.
+        # Misses within one revisit have one cause, whether the cameras are synchronous or staggered.
         missed *= np.minimum(max(self.parameters.joint_misses, 1.0) * leaves.due, 1.0)[:, None]
         return Observation(views, cameras, table, self._branching_constants(views), leaves, active, bodies, expected, missed, chance)
 
@@ -200,7 +200,7 @@ class MhtFilter:
         return BranchingConstants(q.gate, q.motion.foot_spread, low, high, missed_by_all, q.margin, q.least_fit, q.beam_width, q.max_children)
 
     def _branch(self, now: Observation) -> ChildHypotheses:
-        """The children of all leaves, each by itself and jointly."""
+        """The children of all leaves, found for each leaf alone and for the global hypothesis jointly."""
         leaves, table = now.leaves, now.table
         parents = ParentHypotheses.of(leaves, self.setup.ground, now.missed, self._image_links(now))
         children = union(branch(parents, table, now.limits), assign_jointly(now.active, parents, table, now.limits))
@@ -209,9 +209,9 @@ class MhtFilter:
         return ChildHypotheses._make(column[kept] for column in children)
 
     def _by_existence(self, leaves: TrackHypotheses, children: ChildHypotheses) -> Array:
-        """What the existence r of lost people changes of the increment (m,) of children.
+        """Change of the increments (m,) of the children of lost tracks by the existence r of their person.
 
-        A box is of a person who is still there: log r. Missed detections are of one who is not, or is and was missed: log(1 − r + r exp(missed)).
+        A box needs a person who is still there: log r. Misses may also mean that the person has left: log(1 − r + r exp(missed)) replaces `missed`.
         """
         lost = (leaves.misses > 0) & leaves.confirmed
         odds = np.where(lost, leaves.existence, np.inf)[children.parent]
@@ -220,7 +220,7 @@ class MhtFilter:
         return np.asarray(np.where((children.box >= 0).any(axis=1), there, none))
 
     def _image_links(self, now: Observation) -> Array:
-        """Log-likelihood ratio (n, D) of each box for each leaf by images: appearance, and tracklets from the boxes that its tree took before."""
+        """Log-likelihood ratio (n, D) of each box for each leaf from images: by appearance, and by tracklets from the last boxes of its tree."""
         out, start = self.appearance.log_ratio(now.leaves, now.views), now.table.start
         for v, boxes in enumerate(now.views):
             if boxes.links:
@@ -267,9 +267,9 @@ class MhtFilter:
         return NewLeaves(leaves, parent, box, conflicts_of(self.conflict, parent, leaves.tree, box))
 
     def _grown(self, now: Observation, children: ChildHypotheses) -> TrackHypotheses:
-        """The leaves that the children are."""
+        """The leaves that the children become, with updated scores, counts and memory."""
         parents, detected = now.leaves.select(children.parent), (children.box >= 0).any(axis=1)
-        # The likelihood of a place tells whose box it is, not whether there is a person.
+        # The likelihood of a place is evidence of which person a box shows, not of whether there is a person.
         boxes = np.append(now.table.existence_ratio, 0.0)[children.box].sum(axis=1)
         existence = self._survived(parents.existence) + boxes + children.missed * min(1.0, self.now.revisit / self.parameters.miss_time)
         chance, due, passed = now.chance[children.parent], parents.due, self.now.revisits
@@ -286,7 +286,7 @@ class MhtFilter:
         )  # fmt: skip
 
     def _updated_leaves(self, now: Observation, roots: Roots, new: NewLeaves) -> NewLeaves:
-        """The leaves with what else a tick tells: statures of new people, and appearance."""
+        """The leaves with the statures of new people, and with appearance updated by this tick."""
         self._measure_new_people(now, roots, new)
         box = np.where(new.box >= 0, new.box - now.table.start[:-1], -1)
         return replace(new, leaves=self.appearance.with_appearance(new.leaves, now.views, box, new.leaves.confirmed))
@@ -297,7 +297,7 @@ class MhtFilter:
         return replace(leaves, state=state, covariance=covariance, score=leaves.score + ratio, existence=leaves.existence + ratio)
 
     def _measure_new_people(self, now: Observation, roots: Roots, new: NewLeaves) -> None:
-        """Give the roots, in place, the statures and places that their boxes and the known world tell."""
+        """Update statures and places of the roots, in place, by their boxes and the known world."""
         rows, leaves = np.flatnonzero(new.parent < 0), new.leaves
         if not len(rows):
             return
@@ -309,7 +309,7 @@ class MhtFilter:
         leaves.states[rows, 0], leaves.covariances[rows, 0] = measured.state, measured.covariance
 
     def _confirmed(self, leaves: TrackHypotheses, best: Ints) -> tuple[TrackHypotheses, set[int]]:
-        """The leaves, those of the global hypothesis confirmed or deleted; and the trees that are confirmed for the first time."""
+        """The leaves with their confirmation and deletion decided; and the trees that are confirmed for the first time."""
         q = self.parameters
         sure = np.zeros(len(leaves), dtype=bool)
         sure[best] = (leaves.hits[best] >= q.n_conf) & (leaves.existence[best] >= logit(q.report)) & (leaves.misses[best] == 0)
@@ -321,7 +321,7 @@ class MhtFilter:
         return replace(leaves, unselected=unselected, confirmed=confirmed, deleted=leaves.deleted | (confirmed & gone)), fresh
 
     def _has_left(self, leaves: TrackHypotheses) -> Mask:
-        """Which leaves (n,) are outside all views for too long."""
+        """Which leaves (n,) have been outside all views for too long."""
         return np.asarray(leaves.out_of_view * self.now.revisit > MAX_OUTSIDE)
 
     def _learn(self, now: Observation, children: ChildHypotheses, new: NewLeaves, best: Ints, doubt: list[Array]) -> None:
@@ -344,7 +344,7 @@ class MhtFilter:
             self.sensor_model.registration_bias.learn(boxes.camera, leaves.state[old, :2], innovations)
 
     def _judge_things(self, now: Observation, tracks: TrackHypotheses, box: Ints, expected: Array) -> None:
-        """Learn which tracks (t,) are of things. box (t, V): of each track in each view, −1 for none. expected (t, V): relative detection rates."""
+        """Learn which tracks (t,) are things. box (t, V): of each track in each view, −1 for none. expected (t, V): relative detection rates."""
         ranks = np.full(box.shape, np.nan)
         for v, boxes in enumerate(now.views):
             mine = box[:, v] >= 0
@@ -352,7 +352,7 @@ class MhtFilter:
         self.things.learn(self.now.seconds, tracks.tree, (tracks.state[:, :2], tracks.position_sigma), ranks, expected)
 
     def _reidentified(self, time: float, leaves: TrackHypotheses, best: Ints, fresh: set[int]) -> TrackHypotheses:
-        """The leaves; lost trees that newly confirmed ones continue are deleted."""
+        """The leaves; lost trees that newly confirmed trees continue are marked as deleted."""
         people = leaves.select(_one_leaf_per_tree(leaves, best))
         left = set(people.tree[self._has_left(people)].tolist())
         held = people.confirmed & np.isin(people.tree, leaves.tree[best])
@@ -379,7 +379,7 @@ def _longest(q: MhtParameters, setup: Setup, delay: int) -> tuple[Lifetimes, int
 
 
 def _doubt(views: list[GroundDetections], groups: list[CrossViewGroup]) -> list[Array]:
-    """Factor (d,), for the boxes of each view, of the probability that a box that nobody takes is false: less where another view agrees."""
+    """Factors (d,), for each view, of the probability that an unassigned box is false: SUPPORTED where another view has a box of the group."""
     out = [np.ones(len(feet)) for feet in views]
     for group in groups:
         if len(group.members) > 1:

@@ -22,7 +22,7 @@ class DetectedTicks:
     """Ticks with the boxes of the person detector in place of their own. Fixed cameras without an image have no view.
 
     setup: of the ticks. model: an ONNX file, None for the shipped one. The network is loaded when an iteration begins.
-    threads: that search views at the same time, and the next ticks while the consumer works; the ticks do not depend on it.
+    threads: number of threads that search views, with more than 1 ahead of the consumer; the ticks do not depend on it.
     """
 
     ticks: Ticks
@@ -41,7 +41,7 @@ class DetectedTicks:
                 yield with_found_people(tick, detector, sites)
             return
         with ExitStack() as stack:
-            # Ticks are read one after the other, so the reader is one thread. It ends first, as it hands views to the searchers.
+            # Ticks are read one after the other, so the reader is one thread. It ends first, because it submits views to the searchers.
             searchers = ThreadPoolExecutor(self.threads)
             stack.callback(searchers.shutdown, cancel_futures=True)
             for found in stack.enter_context(ahead((_searched(tick, detector, sites, searchers) for tick in self.ticks), AHEAD)):
@@ -57,7 +57,7 @@ def with_found_people(tick: Tick, detector: PersonDetector, sites: Mapping[str, 
 
 
 def _searched(tick: Tick, detector: PersonDetector, sites: Mapping[str, CameraPlace], pool: ThreadPoolExecutor) -> Callable[[], Tick]:
-    """Search the views of a tick by the threads of a pool. Returns a function that waits for all of them, and gives the tick."""
+    """Search the views of a tick by the threads of a pool. Returns a function that waits for all of them and returns the tick."""
     views = [pool.submit(_with_found, view, detector, sites) for view in _used(tick)]
     return lambda: replace(tick, views=tuple(view.result() for view in views))
 
@@ -72,7 +72,7 @@ def _with_found(view: View, detector: PersonDetector, sites: Mapping[str, Camera
     site = sites[view.camera]
     found = detector.detections(view.image, site)
     if site.mount is not None and site.mount.own_body is not None:
-        # The robot itself, an arm of it for instance, is nobody.
+        # A box on the robot itself, for instance on its arm, is no person.
         found = found.select(~site.mount.sees_itself(found.bearing))
     return replace(view, detections=found)
 

@@ -32,7 +32,7 @@ LINE = (255, 64, 0)
 
 @dataclass(frozen=True, eq=False)
 class DetectionRun:
-    """How people are found: the detector, whether images wrap (None for what the camera says), and what is written beside the boxes.
+    """How people are found: the detector, whether images wrap (None for the camera's own value), and what is written beside the boxes.
 
     pictures: a JPEG of each image with the boxes drawn. video: a video of each camera with the boxes drawn.
     visible: whether CAMERA.txt holds the boxes of visible parts in place of those of whole bodies.
@@ -48,15 +48,15 @@ class DetectionRun:
 def write_detections(frames: Iterable[PictureFrame], total: int | None, folder: Path, run: Mapping[str, Any], how: DetectionRun) -> dict[str, Any]:
     """Find people in all frames and write the boxes into a new or empty folder, or read the statement of the same run there.
 
-    Each camera has CAMERA.txt, and CAMERA.visible.txt with a row for each of its rows. That has the box of the visible part.
-    In place of the probability it has the share of the body that is seen.
+    Each camera has CAMERA.txt, and CAMERA.visible.txt with a row for each of its rows. The latter has the box of the
+    visible part and, in place of the probability, the visible share of the body.
 
-    A run that was killed or interrupted goes on: boxes of images that are the same are not searched again.
+    A run that was killed or interrupted is resumed: unchanged images are not searched again.
     Returns the statement with `found`: camera → numbers of frames and boxes. total: number of frames, for the progress bar.
     Raises ValueError where the folder holds another run, or no frame has an image; the errors of `frames` leave no folder.
     """
     wanted = json_value({**run, "model": how.detector.network.checksum, "wraps": how.wraps, "pictures": how.pictures, "video": how.video})
-    # Older versions knew whole boxes alone, and wrote no entry, which equals null.
+    # Older versions wrote whole bodies only and had no entry, which equals null.
     wanted[BOXES] = VISIBLE if how.visible else None
     return same_or_new(
         folder,
@@ -141,7 +141,7 @@ def _same(folder: Path, wanted: Mapping[str, Any]) -> dict[str, Any] | None:
 
 
 def _drawn(image: Image, boxes: Array) -> Image:
-    """The image with boxes drawn; what passes the seam goes on at the left edge."""
+    """The image with boxes drawn; a box across the seam continues at the left edge."""
     drawn = np.array(image)
     for left, top, width, height in boxes:
         for shift in (0, image.shape[1]) if left + width > image.shape[1] else (0,):

@@ -24,16 +24,16 @@ from tracker.types import Detections, Mount
 STATURE = (1.0, 2.3)
 """m: from a child, or a person who sits, to the tallest."""
 REACH = 200.0
-"""m: farther feet are at the horizon, where no stature can be told."""
+"""m: farther feet are at the horizon, where statures are undetermined."""
 EDGE_SHARE, EDGE_PIXELS = 0.04, 1.5
 """Standard deviation of an edge where the network gives none: a share of the box's height, and px."""
 WITHIN = 2.0
-"""Standard deviations by which the edges may be off."""
+"""Standard deviations of error that the test of statures allows for each edge."""
 
 
 @dataclass(frozen=True, eq=False)
 class CameraPlace:
-    """Where a camera is: its model, its pose T_world_camera, the ground, and its height above it, each None where unknown.
+    """A camera's model, pose T_world_camera, ground, and height above the ground, each None where unknown.
 
     mount: of a camera on a robot.
     """
@@ -51,7 +51,7 @@ class CameraPlace:
 
 
 TRACKED = 0.2
-"""Least probability of a box for tracking. Most boxes below it are of things that stand, which several cameras take for a person time and again."""
+"""Least probability of a box for tracking. Most boxes below it show static objects, which several cameras repeatedly take for a person."""
 
 
 class PersonDetector:
@@ -64,11 +64,11 @@ class PersonDetector:
         self.network = PersonNetwork(model)
 
     def find(self, picture: NDArray[Any], site: CameraPlace | None = None, wraps: bool | None = None) -> FoundBoxes:
-        """Boxes of whole people in a picture, as of pixels.rgb_image, the surest first.
+        """Boxes of whole people in a picture (as of pixels.rgb_image), the highest score first.
 
         Parts of a box outside the picture are cut off, but not those beyond the seam of an image that wraps.
-        site: of the camera; where pose and ground are known, too, boxes that no person could have are left out.
-        wraps: whether the right edge continues at the left one, None for what the camera says.
+        site: of the camera. With pose and ground, boxes of impossible statures are left out.
+        wraps: whether the right edge continues at the left one; None for the camera's own value.
         Raises ValueError as rgb_image, and for a picture of another size than the camera's.
         """
         image, site = rgb_image(picture), site or CameraPlace()
@@ -79,7 +79,7 @@ class PersonDetector:
         levels = search_levels(image.shape, _panorama(site.camera, image, wraps), site.above)
         peaks = self.peaks(image, levels, wraps, self.network.calibration.least_logit)
         found = FoundBoxes(peaks.box, self.network.calibration.probabilities(peaks.score), peaks.sigma)
-        # Boxes are cut off first: two boxes of one person may differ outside of the image alone.
+        # Boxes are cut off first, because two boxes of one person may differ only outside of the image.
         found = within(found.select(found.score >= self.network.calibration.min_score), image, wraps)
         found = one_for_each(found, self.network.calibration.nms_iou, image.shape[1] if wraps else None)
         if site.camera is None or site.pose is None or site.ground is None:
@@ -87,7 +87,7 @@ class PersonDetector:
         return found.select(could_stand(found, site.camera, site.pose, site.ground))
 
     def detections(self, picture: NDArray[Any], site: CameraPlace) -> Detections:
-        """As `find`, as the tracker takes them: confidences are probabilities, covariances those of the network. site: with the camera.
+        """`find` in the tracker's format: confidences are probabilities, covariances those of the network. site: with the camera.
 
         Boxes with probabilities below TRACKED are left out.
         """
@@ -102,7 +102,7 @@ class PersonDetector:
     def peaks(self, image: Image, levels: list[SearchLevel], wraps: bool, least_logit: float) -> FoundBoxes:
         """Boxes in an image (H, W, 3) before suppression, with logits of at least `least_logit`.
 
-        levels: of search_levels, the finest first; parts of the finest are searched again at twice the size where small bodies may be.
+        levels: of search_levels, the finest first; parts of the finest with peaks of small bodies are searched again at twice the size.
         wraps: as in `find`.
         """
         period = image.shape[1] if wraps else None
@@ -126,7 +126,7 @@ class PersonDetector:
         found = found.select((found.height >= heights[0]) & (found.height < heights[1]))
         if period is None:
             return found
-        # Beyond the seam, the same people stand again. On it, each side may place the middle beyond the other.
+        # Beyond the seam the image repeats the same people. At the seam, each copy may have its middle on the other side.
         slack, x = STRIDE * level.scale, found.middle[:, 0]
         turns = np.floor(x / period)[:, None] * np.array([period, 0.0, 0.0, 0.0])
         return FoundBoxes(found.box - turns, found.score, found.sigma).select((x >= -slack) & (x < period + slack))
@@ -157,7 +157,7 @@ def within(found: FoundBoxes, image: NDArray[np.uint8], wraps: bool) -> FoundBox
 def could_stand(found: FoundBoxes, camera: Camera, pose: Pose, ground: Ground) -> Mask:
     """Whether each box (n,) could be of a person of STATURE on the ground. pose: T_world_camera.
 
-    The edges may be off by WITHIN standard deviations. A box that the image cuts may go on there.
+    The edges may be off by WITHIN standard deviations. A body may extend beyond a border that cuts its box.
     """
     left, top, width, height = found.box.T
     sigma = EDGE_SHARE * height + EDGE_PIXELS if found.sigma is None else found.sigma[:, 3]
@@ -165,7 +165,7 @@ def could_stand(found: FoundBoxes, camera: Camera, pose: Pose, ground: Ground) -
     margin = WITHIN * sigma
     tallest = _stature(camera, pose, ground, (middle, bottom + margin, top - margin))
     shortest = _stature(camera, pose, ground, (middle, bottom - margin, top + margin))
-    # A lower foot is nearer, so that the same rows are less of a body: the box itself and both moves together are tried, too.
+    # Stature is not monotone in the row of the feet, because lower feet are nearer. So the box itself and shifts of both edges are tried.
     others = [_stature(camera, pose, ground, (middle, bottom + a * margin, top + b * margin)) for a, b in ((0, 0), (1, 1), (-1, -1))]
     all_ = np.stack([tallest, shortest, *others])
     low, high = np.min(all_, axis=0), np.max(all_, axis=0)

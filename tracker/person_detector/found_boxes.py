@@ -1,4 +1,4 @@
-"""Boxes of people in an image: from the scores that the network gives, and the choice of one box for each person."""
+"""Boxes of people in an image: from the maps of scores and edges of the network, with non-maximum suppression."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from tracker.person_detector.network import STRIDE, Maps
 from tracker.person_detector.pixels import Level
 
 FEET = 0.15
-"""Lowest share of a box that counts as the area of its feet."""
+"""Share of a box, at its lower end, that counts as the area of its feet."""
 SAME_FEET = 0.45
-"""Two boxes whose areas of the feet overlap by this IoU are one person already at SOFTER times the usual IoU."""
+"""Two boxes whose areas of the feet overlap by more than this IoU are one person from SOFTER times the usual IoU on."""
 SOFTER = 0.8
 MOST = 1000
-"""Peaks of a level, the surest."""
+"""Most peaks of a level, those with the highest scores."""
 LONGEST_EDGE = 8.0
-"""Logarithm of the longest distance to an edge, px."""
+"""Largest logarithm of the distance to an edge in px."""
 
 
 @dataclass(frozen=True, eq=False)
 class FoundBoxes:
-    """Boxes of whole people in an image, the surest first.
+    """Boxes of whole people in an image, the highest score first.
 
     box (n, 4): left, top, width, height px. In an image that wraps, left is in [0, W) and left + width may pass W.
     score (n,): the probability that the box is a person at an IoU of 0.5; before calibration its logit, as the network gives it.
@@ -42,11 +42,6 @@ class FoundBoxes:
         set_array(self, "score", (n,))
         if self.sigma is not None:
             set_array(self, "sigma", (n, 4))
-
-    @staticmethod
-    def none() -> FoundBoxes:
-        """No boxes."""
-        return FoundBoxes(np.zeros((0, 4)), np.zeros(0))
 
     def __len__(self) -> int:
         return len(self.box)
@@ -94,16 +89,16 @@ def peaks_of(maps: Maps, level: Level, least_logit: float) -> FoundBoxes:
 
 
 def one_for_each(found: FoundBoxes, iou: float, period: float | None = None) -> FoundBoxes:
-    """Non-maximum suppression: of boxes that are one person, the surest.
+    """Non-maximum suppression: of boxes that are one person, the one with the highest score.
 
-    Two boxes are one person if they overlap by `iou`. Where the areas of the feet overlap as well, a little less is enough.
+    Two boxes are one person if their IoU is more than `iou`, or a little less if the areas of the feet overlap as well.
     People who stand behind each other have feet at different heights of the image. period: width of an image that wraps, px.
     """
     return found.select(kept_rows(found.box, found.score, iou, period))
 
 
 def kept_rows(boxes: Array, score: Array, iou: float, period: float | None) -> Ints:
-    """Rows of boxes (n, 4) with scores (n,) that `one_for_each` keeps, the surest first."""
+    """Rows of boxes (n, 4) with scores (n,) that `one_for_each` keeps, the highest score first."""
     order = np.lexsort((boxes[:, 0], boxes[:, 1], -score))
     left, top, width, height = boxes[order].T
     box = np.column_stack([left, top, left + width, top + height])

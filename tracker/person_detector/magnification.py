@@ -1,6 +1,6 @@
-"""Parts of an image that are searched a second time at twice the size, as the network sees small bodies better there.
+"""Parts of an image that are searched a second time at twice the size, because the network finds small bodies better there.
 
-A part is a rectangle of tiles that have uncertain or certain peaks of small bodies.
+A part is the bounding rectangle of connected tiles with peaks of small bodies.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from tracker.geometry import Image, Mask
 from tracker.person_detector.found_boxes import FoundBoxes
 
 SHARED = 0.85
-"""Share of the height below which bodies are magnified, from which on they are taken from the picture as well. Suppression keeps one box of each."""
+"""Bodies above this share of the largest magnified height are also taken from the picture itself. Suppression keeps one box of each."""
 TILE, MARGIN, SLACK = 32, 16, 6
-"""px: edge of a tile, what is seen around a part, and how far beside it a body may be that belongs to it."""
+"""px: side of a tile, margin that is magnified around a part, and largest distance of a body outside it that belongs to it."""
 LARGEST_SHARE = 0.4
-"""Of the picture: area of all parts with their margins, at most, as it decides the time."""
+"""Largest area of all parts with their margins, as a share of the picture; it determines the time."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Part:
 
     @property
     def area(self) -> int:
-        """Of what is seen, px."""
+        """Area of `seen`, px²."""
         left, top, right, bottom = self.seen
         return (right - left) * (bottom - top)
 
@@ -41,14 +41,14 @@ class Part:
         return np.asarray((x >= left - slack) & (x < right + slack) & (y >= top - slack) & (y < bottom + slack))
 
     def cut_out(self, image: Image) -> Image:
-        """What is seen of an image (H, W, 3), at twice its size; columns beyond the seam are those of the other side."""
+        """`seen` of an image (H, W, 3), at twice its size; columns beyond the seam are those of the other side."""
         left, top, right, bottom = self.seen
         part = image[top:bottom].take(np.arange(left, right) % image.shape[1], axis=1)
         return np.asarray(cv2.resize(part, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR), np.uint8)
 
 
 def magnified_parts(small: FoundBoxes, shape: tuple[int, ...], wraps: bool) -> list[Part]:
-    """The parts of an image of shape (H, W, …) with peaks of small bodies, those with the surest peak first, up to LARGEST_SHARE of the image."""
+    """The parts of an image of shape (H, W, …) with peaks of small bodies, those with the highest peak first, up to LARGEST_SHARE of the image."""
     height, width = shape[:2]
     if not len(small):
         return []

@@ -26,7 +26,7 @@ KEY, VERSION = "pilsim", 1
 STRIDE, MULTIPLE = 4, 32
 """px of a cell; sides of an input are multiples of MULTIPLE px."""
 LARGEST_MODEL = 1 << 26
-"""Bytes of a model file, since a file of unknown origin may take the memory."""
+"""Largest size of a model file, bytes, because a file of unknown origin may fill the memory."""
 CHANNELS = {"scores": 1, "edges": 4, "spread": 4}
 """Outputs and their channels."""
 
@@ -41,7 +41,7 @@ def shipped_model() -> Path:
 
 @dataclass(frozen=True, eq=False)
 class ScoreCalibration:
-    """What a model says of its own scores.
+    """The calibration of a model's scores, from its metadata.
 
     logit, probability (n,): corners of a monotone map of logits to the probability that a box is a person at an IoU of 0.5.
     min_score: least probability of a box. nms_iou: IoU above which two boxes are one person. Raises ValueError for values out of bounds.
@@ -95,7 +95,7 @@ class PersonNetwork:
 
     path: the ONNX file, None for the shipped one. threads: of one run; with 1, the same image gives the same bytes.
     Raises ValueError, with the path, where the file is missing, is no model of this shape, or has no calibration.
-    It does so without onnxruntime, too, and where the package has no model.
+    Raises it, too, without onnxruntime, and if no path is given and the package has no model.
     """
 
     def __init__(self, path: Path | None = None, threads: int = 1) -> None:

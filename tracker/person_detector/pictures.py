@@ -19,12 +19,12 @@ from tracker.person_detector.detector import CameraPlace
 from tracker.types import Sequence
 
 FASTEST = 1000.0
-"""Frames a second that a video may name."""
+"""Largest frame rate of a video, frames/s, that is believed."""
 
 
 @dataclass(frozen=True, eq=False)
 class PictureFrame:
-    """An image of a camera: frame from 0, camera, image (H, W, 3) RGB, what is known of the camera's place, and the images of a second."""
+    """An image of a camera: frame from 0, camera, image (H, W, 3) RGB, what is known of the camera's place, and rate, images/s."""
 
     frame: int
     camera: str
@@ -41,12 +41,12 @@ def is_pictures(path: Path) -> bool:
 
 
 def frames_of_pictures(path: Path) -> Iterator[PictureFrame]:
-    """The frames of a video, an image, or a folder. Images of a folder, in the order of the numbers in their names, are one camera, and videos
-    are one each. A camera has the name of the folder, or that of the file without its suffix.
+    """The frames of a video, an image, or a folder. Images of a folder, in the order of the numbers in their names, are one camera, and each
+    video is one. A camera has the name of the folder, or that of the file without its suffix.
 
-    Where frames of a video change size, OpenCV scales them to the size of the first. Images are upright by their EXIF orientation, which is told.
+    Where frames of a video change size, OpenCV scales them to the size of the first. Images are turned upright by EXIF orientation, with a message.
     Raises ValueError with the path for an image that cannot be decoded or is too large.
-    Raises it for what is no video, and for two cameras of one name, too.
+    Raises it, too, for a file that is no video, and for two cameras of one name.
     """
     cameras = _cameras(path)
     for camera, files in cameras.items():
@@ -74,7 +74,7 @@ def _cameras(path: Path) -> dict[str, list[Path]]:
 
 
 def number_of_pictures(path: Path) -> int:
-    """How many frames `frames_of_pictures` has, by the packets of videos. Raises ValueError for what is no video, and for one that ends early."""
+    """How many frames `frames_of_pictures` has, by the packets of videos. Raises ValueError for what is no video, and for a video that ends early."""
     files = [file for camera in _cameras(path).values() for file in camera]
     return sum(number_of_frames(file) if file.suffix.lower() in VIDEOS else 1 for file in files)
 
@@ -90,8 +90,8 @@ def _picture(file: Path) -> Image:
         image = decode_picture(data)
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from None
-    if (turned := orientation(data)) != 1:
-        say(f"{file.parent}: images are turned upright by their EXIF orientation ({turned} in {file.name})")
+    if orientation(data) != 1:
+        say(f"{file.parent}: images are turned upright by their EXIF orientation")
     return image
 
 

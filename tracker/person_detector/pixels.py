@@ -54,13 +54,13 @@ def level_of(image: Image, halvings: int, wraps: bool, rows: tuple[int, int] | N
     height, width = (max(1, -(-side >> halvings)) for side in part.shape[:2])
     scale = 2.0**halvings
     if halvings:
-        # A side that is not a multiple of the scale is continued first, so that a pixel of the level is a square of pixels.
+        # A side that is not a multiple of the scale is padded first, so that a pixel of the level is a square of pixels.
         fill = height * 2**halvings - part.shape[0], width * 2**halvings - part.shape[1]
         part = cv2.copyMakeBorder(part, 0, fill[0], 0, fill[1], cv2.BORDER_REPLICATE)
         part = cv2.resize(part, (width, height), interpolation=cv2.INTER_AREA)
     pad = SEAM if wraps else 0
     if pad:
-        # A narrow panorama is continued by several turns.
+        # A panorama narrower than the padding repeats several times.
         columns = np.arange(-pad, width + pad) % width
         part = part[:, columns]
     return Level(_input_of(part), (pad, -(first >> halvings)), scale)
@@ -72,7 +72,7 @@ def level_of_part(part: Image, corner: tuple[int, int]) -> Level:
 
 
 def _input_of(part: NDArray[Any]) -> NDArray[np.float32]:
-    """A picture (h, w, 3) as input (1, 3, H, W) of the network, continued to sides that it takes."""
+    """A picture (h, w, 3) as input (1, 3, H, W) of the network, padded to multiples of MULTIPLE."""
     below, right = -len(part) % MULTIPLE, -part.shape[1] % MULTIPLE
     part = cv2.copyMakeBorder(part, 0, below, 0, right, cv2.BORDER_REPLICATE)
     pixels = np.ascontiguousarray(part.transpose(2, 0, 1)[None], dtype=np.float32)

@@ -1,7 +1,7 @@
 """Where people are searched in an image: levels of scale, each for bodies of some heights, in the rows where such bodies can be.
 
-A panorama sees the whole sphere, but people stand on the ground. A body of some height in px is about so far away, and so near the horizon.
-So a fine level, which is for small bodies, needs a narrow band of rows. The costs grow with the bands.
+A panorama sees the whole sphere, but people stand on the ground. The height of a body in px determines its distance, and so its rows.
+A fine level, which is for small bodies, needs only a narrow band of rows near the horizon. The cost grows with the bands.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from tracker.person_detector.found_boxes import FoundBoxes
 from tracker.person_detector.network import MULTIPLE, STRIDE
 
 LEAST_ROWS = 256
-"""px: the coarsest level of an image is at least as high, and less than twice as high. One at half size is always there."""
+"""px: the coarsest level of an image is at least as high, and less than twice as high. A level at half size always exists."""
 TALLEST, SMALLEST = (288.0, 192.0), (96.0, 80.0)
 """px of a level: the tallest bodies that are taken from it, unless it is the coarsest. The next coarser level takes those of SMALLEST and more.
 
-The second of each is for panoramas with more than two levels, whose bands are narrower so.
+The second value of each is for panoramas with more than two levels, and makes their bands narrower.
 """
 MAGNIFIED, REASON = (60.0, 36.0), (-2.0, -1.5)
-"""px of the finest level: bodies below are taken from parts at twice the size. Logit of a peak that is reason for it. The second as above."""
+"""Height, px of the finest level, below which bodies are searched at twice the size; least logit of a peak that triggers it. Pairs as above."""
 POLES = 8
-"""The upper and lower 1/POLES of a panorama are searched at the coarsest level alone: there, bodies are large and bent."""
+"""The upper and lower 1/POLES of a panorama are searched at the coarsest level only, because bodies there are large and distorted."""
 SHORT, TALL = 1.5, 2.1
 """m: people of SHORT and more are in the band of their level; nobody reaches above TALL."""
 BAND_SLACK = 0.03
@@ -35,7 +35,7 @@ BAND_SLACK = 0.03
 DISTANCES = np.geomspace(0.5, 200.0, 240)
 """m: at which people may stand."""
 TILT = math.radians(6.0)
-"""Of a rover, beside that of its mount: slopes, curbs and the swing of its mast. Training has a standard deviation of half of it."""
+"""rad: of a rover, beside that of its mount: slopes, curbs and the swing of its mast. Training has a standard deviation of half of it."""
 STEP, AROUND, USUAL = 2.0, 32.0, 0.95
 """m between points of the ground that are compared, and how far around a camera they are; the quantile of their differences that counts."""
 
@@ -45,7 +45,7 @@ class CameraHeight:
     """The height of a camera over the ground on which people stand.
 
     bounds: m. tilt: rad, by which the camera may be off the vertical. relief: m, by which ground at each of DISTANCES may be higher or lower,
-    None for a level one. By default that of a camera of which nothing is known: on a table, a rover or a tripod, nearly upright.
+    None for level ground. The defaults are for an unknown camera on a table, a rover or a tripod, nearly upright.
     """
 
     bounds: tuple[float, float] = (0.8, 1.8)
@@ -54,7 +54,7 @@ class CameraHeight:
 
     @staticmethod
     def of(T_world_camera: Pose, ground: Ground, moves: bool) -> CameraHeight | None:
-        """Of a camera at a pose, None where that is not above the ground.
+        """The height of a camera at a pose, None where that is not above the ground.
 
         moves: whether it is on a robot, which may be anywhere on similar ground, and tilted by TILT.
         """
@@ -76,7 +76,7 @@ class SearchLevel:
     """A level: an image 2^halvings times smaller, of which some rows are searched for bodies of some heights.
 
     heights: px of the picture, the upper bound excluded. rows: first and end, px of the picture; the first is a multiple of 2^halvings.
-    magnified: px; bodies below are searched again at twice the size, 0 for none. reason: logit of a peak that is reason for it.
+    magnified: px; bodies below are searched again at twice the size, 0 for none. reason: least logit of a peak that triggers it.
     """
 
     halvings: int
@@ -86,7 +86,7 @@ class SearchLevel:
     reason: float = math.inf
 
     def in_band(self, found: FoundBoxes, rows: int) -> FoundBoxes:
-        """The boxes that do not end where the band does, within an image of `rows` px: a taller person is seen in part there."""
+        """The boxes that do not end with the band inside an image of `rows` px, because those may show a part of a taller person."""
         top, bottom = found.box[:, 1], found.box[:, 1] + found.box[:, 3]
         slack = STRIDE / 2 * 2.0**self.halvings + BAND_SLACK * found.height
         cut = (top < self.rows[0] + slack) & (self.rows[0] > 0) | (bottom > self.rows[1] - slack) & (self.rows[1] < rows)
@@ -96,7 +96,7 @@ class SearchLevel:
 def search_levels(shape: tuple[int, ...], camera: PanoramicCamera | None = None, above: CameraHeight | None = None) -> list[SearchLevel]:
     """The levels for an image of shape (H, W, …), the finest first.
 
-    camera: of a panorama, in which people are searched by need; None for images whose rows are all searched at every level.
+    camera: of a panorama, whose levels are searched in bands; None for images whose rows are all searched at every level.
     above: the height of that camera, None where it is not known.
     """
     rows, out = shape[0], []
@@ -115,7 +115,7 @@ def search_levels(shape: tuple[int, ...], camera: PanoramicCamera | None = None,
 def _band(camera: PanoramicCamera, above: CameraHeight, tallest: float, taken: float) -> tuple[float, float]:
     """First row and end of the bodies of at most `tallest` px. Those of `taken` px and more are searched at the next level, too.
 
-    So tilt and relief may move no body below `taken` px out of the band, while those above may leave it.
+    So the band allows for tilt and relief for bodies below `taken` px only.
     """
     low, high = above.bounds
     spans = [camera.rows_from_elevations(_up(-h)) - camera.rows_from_elevations(_up(SHORT - h)) for h in above.bounds]

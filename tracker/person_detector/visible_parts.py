@@ -1,7 +1,7 @@
-"""Visible parts of found people: what nearer people cover of a box, by the order of their feet in the image.
+"""Visible parts of found people: the part of a box that nearer people do not cover, by the order of their feet in the image.
 
-The network knows whole bodies alone. Who has lower feet is nearer, and covers what lies behind the middle of the own box, where a body is.
-So people behind people are known. People behind furniture, walls and things are taken as whole.
+The network finds whole bodies only. A person with lower feet is nearer, and the middle of that person's box hides what is behind it.
+So occlusion by people is modelled. People behind furniture, walls and things count as fully visible.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ BODY = 0.5
 SAMPLES = (25, 41)
 """Points of a box, across and down, at which it is covered or not."""
 COVERED = 0.8
-"""Probability that a point is covered, from which on it is no part of the visible box. An edge that is cut in vain costs more than one that stays."""
+"""Probability of being covered from which a point is outside the visible box. Cutting off a visible edge costs more than keeping a hidden one."""
 
 
 def visible_parts(box: Array, score: Array, period: float | None) -> tuple[Array, Array]:
     """The visible parts of boxes (n, 4) left, top, width, height px with probabilities (n,) that they are people.
 
-    Returns boxes (n, 4) px around what is seen of each, the whole where nothing is, and the share (n,) of the body that is seen.
+    Returns boxes (n, 4) px around the visible part of each, the whole box if nothing is visible, and the visible share (n,) of the body.
     period: width of an image that wraps, px.
     """
     across, down = ((np.arange(count) + 0.5) / count for count in SAMPLES)
@@ -46,6 +46,6 @@ def visible_parts(box: Array, score: Array, period: float | None) -> tuple[Array
 
 
 def _ends(open_: Array) -> tuple[float, float]:
-    """First and end of the open ones of some cells of a line, as shares of its length."""
+    """First and end of the open cells of a line of cells, as shares of its length."""
     rows = np.flatnonzero(open_)
     return rows[0] / len(open_), (rows[-1] + 1) / len(open_)

@@ -16,14 +16,14 @@ GRID = 0.02  # s between output times
 MAX_SECONDS = 6 * 3600.0
 """s: the poses of two robots then take 1 GiB. The longest UTIAS set has less than 2 h."""
 MAX_LINES = 5
-"""Gaps of which each has a line."""
+"""Most gaps that are reported by a line each."""
 
 
 @dataclass(frozen=True)
 class PlanarParameters:
     """Parameters of the planar filter.
 
-    mode: ekf, iekf, fej or invariant. iterations: linearisations of an update (of ekf: one). correction: estimate a correction factor a robot.
+    mode: ekf, iekf, fej or invariant. iterations: linearisations of an update (of ekf: one). correction: estimate a correction factor per robot.
     robust: standard deviations of a residual beyond which it loses weight (inf: none does). curvature: share of the second-order noise
     (filter.inflated_sigma). max_outlier_excess: recent outliers of a robot in excess of inliers at which its pose covariance is inflated by
     inflation_sigma (m, rad).
@@ -90,7 +90,7 @@ class FilterInput:
     """A data set as input of the filter.
 
     robots: their numbers. times (outputs,) s: the output times. subjects: the landmarks in the order of the state. unused: numbers of
-    measurements that are left out, by reason, and of gaps in the odometry. left_out: a line on each stretch of time without output times.
+    measurements that are left out, by reason, and of gaps in the odometry. left_out: a line on each interval without output times.
     """
 
     robots: tuple[int, ...]

@@ -22,17 +22,17 @@ FINE = 0.01  # s: commands are sampled on this grid before they are delayed
 class Sensors:
     """Parameters of odometry and camera.
 
-    speed_delay, turn_delay, lag s; speed_scale, turn_scale: actual over commanded. turn_loss: m of distance lost a rad turned.
+    speed_delay, turn_delay, lag s; speed_scale, turn_scale: actual over commanded. turn_loss: m of distance lost per rad turned.
     command_timeout s: a command that is not renewed ends after it.
 
-    Variances grow by distance_noise² m² a s while a command is active, distance_slip² a m, lateral_noise² m² a m. The heading's grow by
-    turn_noise² rad² a s and turn_slip² a rad.
+    Variances grow by distance_noise² m²/s while a command is active, distance_slip² m²/m and lateral_noise² m²/m. The heading's grow by
+    turn_noise² rad²/s while a command is active, and turn_slip² rad²/rad.
 
     camera_delay s. range_sigma m at least, range_share of the range. bearing_sigma rad, and position_sigma m across the line of sight.
     correlation_time s of errors of measurements of the same subject. robot_range m: bias of ranges to robots; robot_sigma m: their additional error.
 
-    Initial standard deviations of the correction factor: offsets (rad, m, share), and of the odometry's scales (speed, turn). random_walk: what
-    the five gain in the square root of a second.
+    Initial standard deviations of the correction factor: offsets (rad, m, share), and of the odometry's scales (speed, turn). random_walk: growth
+    of these five standard deviations per √s.
     """
 
     speed_delay: float = 0.12
@@ -66,7 +66,7 @@ def integrate(odometry: Array, sensors: Sensors, times: Array) -> Array:
     Returns (m, 3): distance m, turn rad, and the sum of absolute turns, rad. Memory does not grow with gaps of more than LONG_GAP, in which a
     robot stands still.
     """
-    # Long after the last command of a piece the robot is at rest: 40 time constants of the lag leave less than the rounding of a float.
+    # Long after the last command of a piece the robot is at rest. 40 time constants of the lag leave less than the rounding of a float.
     rest = sensors.command_timeout + 40 * sensors.lag
     pieces = np.split(odometry, np.flatnonzero(np.diff(odometry[:, 0]) > max(LONG_GAP, rest)) + 1)
     moved = np.zeros((len(times), 3))
@@ -108,7 +108,7 @@ def step_noise(steps: Array, seconds: Array, sensors: Sensors) -> Array:
 def sighting_sigma(seen: Array, subject: NDArray[np.int64], robots: NDArray[np.bool_], sensors: Sensors) -> Array:
     """Measurements (m, 3) of time s, range m, bearing rad, in order → standard deviations (m, 2) m, rad; robots (m,): whether of a robot.
 
-    Errors of a subject have the correlation ρ = exp(−Δt/correlation_time) from one measurement to the next. A long row of them has
+    Errors of a subject have the correlation ρ = exp(−Δt/correlation_time) from one measurement to the next. A long series of them has
     (1 − ρ)/(1 + ρ) of the information of as many independent ones. So the variance is divided by this.
     """
     since = np.full(len(seen), np.inf)

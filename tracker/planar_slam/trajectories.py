@@ -24,8 +24,8 @@ SCHEMA = 1
 ROBOTS = "timestamp,robot,tx,ty,heading,cxx,cxy,cxh,cyy,cyh,chh"
 MAP = "subject,tx,ty"
 UPPER = np.triu_indices(3)
-GAP = 0.3  # s: truth is interpolated over at most this
-NEAR = 0.011  # s: at longer gaps the nearest sample of the truth must be at most so far
+GAP = 0.3  # s: longest gap over which truth is interpolated
+NEAR = 0.011  # s: in longer gaps, largest distance to the nearest sample of the truth
 STEP = 1.0  # s between the ends of a relative error
 
 
@@ -84,7 +84,7 @@ def read_trajectories(folder: Path) -> PlanarTrajectories:
 
 
 def _table(path: Path, header: str, number: str) -> tuple[Ints, Array]:
-    """Lines (n,) and rows (n, columns) of a table of finite numbers under `header`, whole in column `number`. Raises ValueError with file, line."""
+    """Lines (n,) and rows (n, columns) of a table of finite numbers, whole in column `number`. Raises ValueError with file and line."""
     lines, table = read_numbered_table(path, dict.fromkeys(header.split(","), float) | {number: int})
     return np.array(lines, dtype=np.int64), np.column_stack(list(table.values())).astype(np.float64)
 
@@ -109,7 +109,7 @@ def score_trajectories(team: UtiasDataset, paths: PlanarTrajectories) -> dict[st
     and after a rigid motion of the map. Raises ValueError if a robot of the data set has no trajectory.
     """
     errors, true, given, relative, consistency = [], [], [], [], []
-    ahead = round(STEP / float(np.median(np.diff(paths.times)))) if len(paths.times) > 1 else 1
+    ahead = max(1, round(STEP / float(np.median(np.diff(paths.times))))) if len(paths.times) > 1 else 1
     for number, robot in team.robots.items():
         if number not in paths.poses:
             raise ValueError(f"robot {number} is in the set, needs a path in robots.csv")

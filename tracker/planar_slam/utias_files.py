@@ -29,7 +29,7 @@ SWAPPED = {11: (3.15071999, 2.38294871), 17: (0.03596156, -2.84396626)}
 MIN_RANGE = 0.05
 """m: measurements of a smaller range are rejected."""
 LONG_GAP = 60.0
-"""s: in UTIAS sets the longest gap of the odometry is 2 s; a longer one than this is an interrupted log or a wrong clock."""
+"""s: a longer gap of the odometry is an interrupted log or a wrong clock. In UTIAS sets the longest one is 2 s."""
 MAX_TIME = 1e11
 """s: the year 5138 as a Unix time. Larger times are milliseconds or microseconds."""
 MAX_VALUE = 1e6
@@ -133,7 +133,7 @@ class _Table:
         return f"{self.path}:{self.line[k]}"
 
     def sort(self) -> str:
-        """Sort by time and merge repeated rows; a note on both. Raises ValueError for a time out of bounds, and for a large step back."""
+        """Sort by time and merge repeated rows. Returns a note on both. Raises ValueError for a time out of bounds, and for a large step back."""
         times = self.values[:, 0]
         for k in np.flatnonzero(np.abs(times) > MAX_TIME)[:1].tolist():
             raise ValueError(f"{self.where(k)}: time is {times[k]:.6g}, needs seconds, at most {MAX_TIME:.0e}")
@@ -146,7 +146,7 @@ class _Table:
         return order.note(self.path.name)
 
     def merge_repeated(self) -> str:
-        """Leave out rows that equal one before; a note on them."""
+        """Leave out rows that equal an earlier one. Returns a note on them."""
         first = np.sort(np.unique(self.values, axis=0, return_index=True)[1]) if len(self.values) else self.line
         repeated = len(self.values) - len(first)
         self.values, self.line = self.values[first], self.line[first]

@@ -53,7 +53,7 @@ def _new_run(source: Path, folder: Path, run: dict[str, Any], parameters: Planar
 
 
 def evaluate_trajectories(source: Path, folder: Path) -> dict[str, Any]:
-    """The scores as JSON values: robots, and dead_reckoning, which is the odometry by the same motion model alone.
+    """The scores as JSON values: robots, and dead_reckoning, which is integrated odometry with the same motion model.
 
     Raises ValueError if the results belong to another data set.
     """

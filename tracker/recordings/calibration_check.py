@@ -1,9 +1,9 @@
 """The check of a recording's calibration: figures of each fixed camera, and likely errors in words.
 
-It tells whether units, the direction of R and t, boxes, frame numbers, or the order of cameras look wrong: calibration_errors.py and
-calibration_timing.py. What none of these explains is told by the table itself: calibration_verdict.py.
-Without truth, three errors cannot be seen: frames of all detections against the truth, units of the truth, and all frames of another video.
-Where people stand still, no error of frames can be seen.
+calibration_errors.py and calibration_timing.py test units, the direction of R and t, boxes, frame numbers and the order of cameras.
+calibration_verdict.py tests the figures of the table for errors that none of these explains.
+Without truth, three errors are not observable: a shift of all frames, the unit of the truth, and another frame rate of all cameras.
+Where people stand still, no error of frames is observable.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ from tracker.recordings.recording import Recording, RecordingCamera
 
 MOST_FINDINGS = 6
 SIGHT = 60.0
-"""m: how far the ground counts as seen. Beyond, a pixel is metres of ground."""
+"""m: distance up to which ground counts as seen. Beyond it, a pixel covers metres of ground."""
 SAMPLES = 48
-"""Points a side at which the image and the area are sampled."""
+"""Points per side at which the image and the area are sampled."""
 ABSENT = 1e6
-"""m: distances of feet are told up to this."""
+"""m: largest distance of feet that is reported."""
 
 STEPS: tuple[Callable[[CalibrationCase], Corrected | None], ...] = (
     lambda case: _that_mends(case, wrong_extrinsics, alone=True),
@@ -48,15 +48,15 @@ STEPS: tuple[Callable[[CalibrationCase], Corrected | None], ...] = (
     lambda case: _that_mends(case, shifted_frames),
     wrong_area_unit,
 )
-"""Tests, in this order. What one finds is corrected before the next."""
+"""Tests, in this order. A finding is corrected before the next test."""
 UNEXPLAINED = "unexplained"
 """Kind of a finding that no named error explains."""
 
 
 def _that_mends(case: CalibrationCase, test: Callable[[CalibrationCase], Corrected | None], alone: bool = False) -> Corrected | None:
-    """What a test finds, if its cameras are then right: something else may look like it.
+    """The finding of a test, if its cameras have no doubts after the correction. Other errors may look like it.
 
-    alone: by figures of these cameras alone, as others and the truth may have errors, too.
+    alone: as in doubts, because other cameras and the truth may have errors, too.
     """
     found = test(case)
     concerned = set(found[0].cameras or case.lenses) if found else set()
@@ -102,7 +102,7 @@ class CalibrationReport:
 
     @property
     def unexplained(self) -> tuple[Finding, ...]:
-        """The findings without a name."""
+        """The findings of the kind UNEXPLAINED."""
         return tuple(finding for finding in self.findings if finding.kind == UNEXPLAINED)
 
     def to_json(self) -> dict[str, Any]:
@@ -149,7 +149,7 @@ def check_calibration(recording: Recording) -> CalibrationReport:
     moving = tuple(name for name in recording.cameras if name not in case.lenses)
     checks = tuple(_camera_check(case, name, camera) for name, camera in recording.fixed.items())
     found = _findings(case)
-    # Boxes in every k-th frame leave the others without any.
+    # With boxes in every k-th frame, the other frames have none.
     silent = [] if any(finding.kind == "frames-stretched" for finding in found) else silent_frames(recording)
     return CalibrationReport(checks, moving, (*found, *silent, *image_findings(recording)))
 
@@ -166,9 +166,9 @@ def _findings(case: CalibrationCase) -> list[Finding]:
 
 
 def suspicion(recording: Recording) -> str:
-    """What `pilsim check` finds in boxes, places and frame numbers, in one line; "" for nothing. Images are left out, as reading them costs."""
+    """The findings of `pilsim check` on boxes, places and frame numbers, in one line, or "". Images are not read, to save time."""
     case = CalibrationCase.of(recording)
-    # Where the table is wrong already, the search for what mends it is left to `check`.
+    # Where figures are already wrong, the search for a correction is left to `check`.
     unexplained = [Finding(UNEXPLAINED, cameras, words) for cameras, words in doubts(case)]
     found = [*unexplained, *_below_ground(case)] if unexplained else _findings(case)
     silent = [] if any(finding.kind == "frames-stretched" for finding in found) else silent_frames(recording)

@@ -1,7 +1,7 @@
-"""Errors of cameras and boxes that people make: units, the direction of R and t, axes, sizes of images, cameras swapped. Each is tested by the
-correction that it needs.
+"""Common errors of cameras and boxes: units, the direction of R and t, axes, sizes of images, swapped cameras. Each error is tested by applying
+its correction.
 
-A correction is reported where it is clearly better than the calibration as given, and that one is bad. Two figures say so.
+A correction is reported where the given calibration is bad and the correction is clearly better. Two figures decide.
 The first is the nearness of feet to true people or, without truth, to the feet of other cameras.
 The second is the share of boxes with the height of a person.
 """
@@ -23,20 +23,20 @@ from tracker.geometry.ground import inside_area
 from tracker.recordings.calibration_feet import CalibrationCase, Extrinsics, Nearness, Reference, nearness, reference_of
 
 TIMES, MORE, ERRORS = 2.0, 0.08, 5.0
-"""A correction is clearly better where the nearness is TIMES as much, MORE more, and more by ERRORS standard errors."""
+"""A correction is clearly better where its nearness is at least TIMES the given one plus MORE, and higher by ERRORS standard errors."""
 HEIGHTS, HEIGHTS_TIMES = 0.4, 4.0
 """By heights alone: the share of boxes with the height of a person is at least HEIGHTS, and HEIGHTS_TIMES as much as before."""
 LEAST_TALL = 0.2
-"""Share of the boxes that have the height of a person under any right calibration. Cameras that are made too near agree in one point."""
+"""Least share of boxes with the height of a person in a right calibration. Nearness is not enough: cameras shrunk into a point agree."""
 LEAST_BOXES = 20
 MOST_CAMERAS = 12
-"""Up to so many cameras all pairs are compared, else those that agree badly."""
+"""Most cameras of which all pairs are compared. Of more cameras, those with the least agreement are compared."""
 UNITS = {1e-3: ("mm", "millimetres"), 1e-2: ("cm", "centimetres"), 0.1: ("dm", "decimetres")}
 """m → short and long name."""
 AREA_RATIO = (0.2, 5.0)
 """Bounds of the side of the area over that of the places of people."""
 TOO_WIDE = 30.0
-"""The same ratio from which the area is in another unit; and that of the spread of true people over that of feet."""
+"""Least such ratio for an area in another unit; least ratio of the spreads of true people and feet for truth in another unit."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ FORMS: dict[str, tuple[Callable[[Array, Array], Extrinsics], str]] = {
         "R and t lead from a camera with OpenGL's axes (y up, z backward) to the world; with G = diag(1, -1, -1) they need to be G R^T and -G R^T t",
     ),
 }
-"""Kind → the correction of the extrinsics, and what it says."""
+"""Kind → the correction of the extrinsics, and a description of the error."""
 
 
 def _of_extrinsics(form: str, scale: float) -> Correction:
@@ -125,7 +125,7 @@ class Trial:
     plausible: float
 
     def clearly_better(self, given: Trial, alone: bool) -> bool:
-        """Whether the trial beats `given`; by heights alone, where feet are near nobody under either, if `alone`."""
+        """Whether the trial is clearly better than `given`. alone: whether heights suffice where neither trial has feet near people."""
         if better(self.near, given.near) and self.plausible >= max(LEAST_TALL, 0.8 * given.plausible):
             return True
         by_heights = self.plausible >= max(HEIGHTS, HEIGHTS_TIMES * given.plausible) and len(self.near.gain) >= LEAST_BOXES
@@ -133,7 +133,7 @@ class Trial:
 
 
 def better(near: Nearness, given: Nearness) -> bool:
-    """Whether feet are clearly nearer to people than as given, where they are far from them."""
+    """Whether feet are clearly nearer to people than with the given calibration, whose feet are far from people."""
     if near.boxes < LEAST_BOXES or near.mean < TIMES * given.mean + MORE:
         return False
     more, error = near.better_than(given)
@@ -166,11 +166,11 @@ def _corrected(case: CalibrationCase, corrections: Corrections) -> Corrected | N
 
 Corrections = tuple[Correction, ...]
 Found = dict[str, tuple[Trial, Trial]]
-"""Camera → the trial of the correction, and that of what is given."""
+"""Camera → the trial of the correction, and the trial of the given calibration."""
 
 
 def _extended(case: CalibrationCase, found: Found) -> Found:
-    """With the other cameras for which heights alone speak for the same correction: a camera may be far from the true people, or agree badly."""
+    """Add cameras whose heights alone support the same correction. Such a camera may be far from the true people, or agree badly."""
     correction, empty = next(iter(found.values()))[0].correction, reference_of([])
     out: Found = {}
     for name in case.lenses:
@@ -195,7 +195,7 @@ def _best(trials: list[Trial], given: Trial, alone: bool = False) -> Trial | Non
 
 
 def _each(case: CalibrationCase, corrections: Corrections, reference_for: Callable[[str], Reference], alone: bool = False) -> Found:
-    """Each camera by itself."""
+    """Test each camera separately."""
     found: Found = {}
     for name in case.lenses:
         reference = reference_for(name)
@@ -212,7 +212,7 @@ def _by_heights(case: CalibrationCase, corrections: Corrections) -> Found:
 
 
 def _far_from_truth(case: CalibrationCase) -> bool:
-    """Whether the feet of no camera are near the truth, so that it says nothing of cameras: it may itself have a wrong unit."""
+    """Whether no camera has feet near the truth. The truth then cannot test cameras; its own unit may be wrong."""
     return all(nearness(case.sampled_feet(name), case.reference(name)).mean < MORE for name in case.lenses)
 
 
@@ -245,7 +245,7 @@ def agreement(case: CalibrationCase, names: tuple[str, ...] = ()) -> tuple[Nearn
 
 
 def wrong_truth_unit(case: CalibrationCase) -> Corrected | None:
-    """Truth in millimetres or centimetres."""
+    """Truth in a smaller unit than metres."""
     if case.truth is None:
         return None
 
@@ -254,7 +254,7 @@ def wrong_truth_unit(case: CalibrationCase) -> Corrected | None:
         reference = Reference(case.truth.frame, case.truth.point * scale)
         return reduce(add, [nearness(case.sampled_feet(name), reference) for name in case.lenses])
 
-    # Truth that is made too small lies in one point, which feet may be near. So only truth that is spread too widely is tried.
+    # Truth that is scaled too small lies in one point, which may be near feet. So only truth that is spread too widely is tried.
     feet = np.concatenate([case.sampled_feet(name).point for name in case.lenses])
     if _spread(case.truth.point) < TOO_WIDE * _spread(feet):
         return None
@@ -274,7 +274,7 @@ def _spread(points: Array) -> float:
 
 
 def wrong_area_unit(case: CalibrationCase) -> Corrected | None:
-    """An area in millimetres or centimetres: far larger than where people are, who are in the middle of the smaller one."""
+    """An area in a smaller unit than metres. It is far larger than the places of people, and the scaled area contains most of them."""
     if case.area is None:
         return None
     places = case.truth.point if case.truth is not None else np.concatenate([case.sampled_feet(name).point for name in case.lenses])
@@ -305,7 +305,7 @@ def swapped_cameras(case: CalibrationCase) -> Corrected | None:
 
 
 def _order_by_truth(case: CalibrationCase) -> dict[str, str]:
-    """Camera → the camera whose boxes fit its calibration, for those cameras whose own boxes do not. Best assignment of all."""
+    """Camera → the camera whose boxes fit its calibration, for cameras whose own boxes do not fit. It is the optimal assignment."""
     own = {name: nearness(case.sampled_feet(name), case.reference(name)) for name in case.lenses}
     names = sorted(case.lenses, key=lambda name: own[name].mean)[:MOST_CAMERAS]
     swapped = {(a, b): case.with_boxes_of({a: b}).sampled_feet(a) for a in names for b in names if a != b}
@@ -346,7 +346,7 @@ def _pair_by_agreement(case: CalibrationCase) -> dict[str, str]:
 
 
 def _pair_with_rest(case: CalibrationCase, pair: tuple[str, str]) -> Nearness:
-    """Nearness of the feet of two cameras to those of the rest. Two swapped cameras in opposite corners of a room agree with one another."""
+    """Nearness of the feet of two cameras to those of the rest, because two swapped cameras in opposite corners of a room agree."""
     rest = [name for name in case.lenses if name not in pair]
     if not rest:
         return agreement(case, pair)[0]

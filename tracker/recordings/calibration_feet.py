@@ -1,6 +1,6 @@
-"""Boxes of fixed cameras as lines of sight, their feet on the ground, and how near these are to people of the same frame.
+"""Boxes of fixed cameras as lines of sight, their feet on the ground, and the nearness of feet to people of the same frame.
 
-A calibration is tested by its feet. Under the right one they lie near people of the same frame, and boxes have the heights of bodies.
+A calibration is tested by its feet. If it is right, feet lie near people of the same frame, and boxes have the heights of bodies.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from tracker.recordings.recording import FrameBoxes, Recording
 NEAR = 0.4
 """m: standard deviation of the kernel exp(−d²/2σ²) of distances d. A body is 0.5 m wide."""
 STANDING, FEET = 0.3, 0.17
-"""m: errors of the place of feet: of any person, and of a tenth of a body's height, by which boxes miss the ground."""
+"""m: standard errors of feet: STANDING of any person's place, FEET of a box's lower edge, a tenth of a body's height."""
 FAR = 2.0
-"""m: distances beyond this count as this."""
+"""m: largest distance to a neighbour; the kernel is 0 beyond it."""
 WIDEST = 9.0
-"""m: the same where the error of places is that of distant feet."""
+"""m: the same where distances are divided by the error of the place, which is large for distant feet."""
 APART = 20.0
 """m: distance of successive frames along the third axis of the search tree, so that no neighbour is found in another frame."""
 REACH, REACH_TERRAIN = 1e6, 500.0
@@ -34,8 +34,8 @@ BAND = 0.85
 CUT = 0.01
 """Boxes that end within this share of the image's height from its lower edge are left out: their feet are not in the image."""
 MOST_BOXES, MOST_QUERIES, MOST_COMPARED = 300_000, 2_500, 12_000
-"""Boxes of all cameras that are used, from the first frame on. Of a camera, so many are compared with truth; of all cameras with one another.
-The boxes that are compared are of runs of frames that are spread over the recording."""
+"""Most boxes: of all cameras, from the first frame on; of one camera, compared with truth; of all cameras, compared with one another.
+The compared boxes come from runs of frames that are spread over the recording."""
 BLOCKS = 24
 """Blocks of time. Boxes of one block are not independent, so standard errors are those of the means of blocks."""
 
@@ -45,7 +45,7 @@ Extrinsics = tuple[Array, Array]
 
 @dataclass(frozen=True, eq=False)
 class BoxRays:
-    """Boxes of one camera as unit lines of sight in optical axes: frame (n,) from 0; foot and head (n, 3), middles of the lower and upper edges."""
+    """Boxes of one camera as unit lines of sight in optical axes. frame (n,) from 0. foot, head (n, 3): middles of the lower and upper edges."""
 
     frame: Ints
     foot: Array
@@ -74,10 +74,10 @@ class BoxRays:
 
 @dataclass(frozen=True, eq=False)
 class Feet:
-    """Feet of one camera on the ground: frame (n,); point (n, 2) m, NaN where a line of sight does not meet the ground; height, error (n,) m.
+    """Feet of one camera on the ground. frame (n,). point (n, 2) m: NaN where a line of sight does not meet the ground. height, error (n,) m.
 
     height: of a body that stands there and reaches to the upper edge of the box; NaN as above.
-    error: of the place where the lower edge misses the feet by a tenth of the body. It grows with the distance over the camera's height.
+    error: of the place, for a lower edge that misses the feet by a tenth of the body. It grows with the distance over the camera's height.
     """
 
     frame: Ints
@@ -151,7 +151,7 @@ class Reference:
         object.__setattr__(self, "tree", cKDTree(np.column_stack([self.point, APART * self.frame])))
 
     def distances(self, frame: Ints, point: Array, most: float = FAR) -> Array:
-        """Distance (n,) m of each point (n, 2) m to the nearest one of its frame; inf where there is none within `most` m, and for NaN."""
+        """Distance (n,) m of each point (n, 2) m to the nearest of its frame; inf beyond `most` m, and for NaN."""
         return self.nearest(frame, point, most)[0]
 
     def nearest(self, frame: Ints, point: Array, most: float = FAR) -> tuple[Array, Ints]:
@@ -161,16 +161,16 @@ class Reference:
         return np.where(known, distance, np.inf), np.where(known, row, len(self.frame))
 
     def far_frames(self, frame: Ints, part: float) -> Ints:
-        """Frames (n,) that are `part` of the recording later, cyclically, each of them with points."""
+        """Frames (n,) with points, later by the share `part` of the recording, cyclically."""
         row = np.minimum(np.searchsorted(self.frames, frame), len(self.frames) - 1)
         return self.frames[(row + int(part * len(self.frames))) % len(self.frames)]
 
 
 @dataclass(frozen=True, eq=False)
 class Nearness:
-    """How near feet are to people, above what chance gives.
+    """Nearness of feet to people, above chance.
 
-    gain (n,): kernel of the distance, less `chance`, its mean for the opposite places of other frames; NaN for boxes in frames without people.
+    gain (n,): kernel of the distance minus `chance`, its mean for mirrored places in other frames. NaN for boxes in frames without people.
     block (n,): block of time of each box.
     """
 
@@ -190,7 +190,7 @@ class Nearness:
 
     @property
     def agreement(self) -> float:
-        """The mean gain over the most that chance leaves: 0 for a wrong calibration, up to 1 for a right one, however many people there are."""
+        """The mean gain over its maximum, 1 − chance: 0 for a wrong calibration, up to 1 for a right one, whatever the number of people."""
         known = np.isfinite(self.gain)
         return self.mean / max(1 - float(self.chance[known].mean()), 1e-3) if known.any() else 0.0
 
@@ -212,9 +212,9 @@ class Nearness:
 
 
 def nearness(feet: Feet, reference: Reference, frame: Ints | None = None, by_error: bool = False) -> Nearness:
-    """Compare feet with people of the same frame. frame (n,): frames of the feet in the numbering of `reference`; as they are where None.
+    """Compare feet with people of the same frame. frame (n,): frames of the feet in the numbering of `reference`; None for their own.
 
-    by_error: whether a distance counts as a share of the error of the place, in place of NEAR m.
+    by_error: whether distances are divided by the error of the place instead of NEAR m.
     """
     frame = feet.frame if frame is None else frame
     scale, most = (feet.error, WIDEST) if by_error else (np.full(len(frame), NEAR), FAR)
@@ -234,10 +234,11 @@ def nearness(feet: Feet, reference: Reference, frame: Ints | None = None, by_err
 
 @dataclass(frozen=True, eq=False)
 class CalibrationCase:
-    """What a calibration is tested on: fixed cameras, their boxes, and true people or None.
+    """The input of the tests of a calibration: fixed cameras, their boxes, and true people or None.
 
     rate: frames per second. lenses, extrinsics, rays: by camera. area: (2, 2) m or None. band: lowest and highest stature, m.
-    occluders: height map of walls and furniture, or None. later: camera → frames by which its clock says that pictures are later.
+    occluders: height map of walls and furniture, or None. later: camera → median delay of its pictures by its clock, in frames.
+    limit: the boxes of frames before it are used.
     """
 
     rate: float
@@ -251,10 +252,11 @@ class CalibrationCase:
     band: tuple[float, float]
     occluders: Ground | None = None
     later: Mapping[str, float] = field(default_factory=dict)
+    limit: float = np.inf
 
     @staticmethod
     def of(recording: Recording) -> CalibrationCase:
-        """The fixed cameras of a recording with their boxes, of so many frames that there are at most MOST_BOXES."""
+        """The fixed cameras of a recording with their boxes, up to the frame in which there are MOST_BOXES."""
         apart = {name: recording.apart(name) * recording.rate for name in recording.clocks}
         later = {name: float(np.median(frames)) for name, frames in apart.items() if len(frames)}
         recording = recording.in_step()
@@ -277,6 +279,7 @@ class CalibrationCase:
             recording.height,
             recording.occluders,
             later,
+            end,
         )
 
     @property
@@ -302,7 +305,7 @@ class CalibrationCase:
         return np.flatnonzero(self._spread(frame, -(-len(frame) // MOST_QUERIES)))
 
     def _spread(self, frame: Ints, divisor: int) -> Mask:
-        """Which boxes (n,) are in runs of frames, BLOCKS of them over the recording, that have one part of `divisor` of the frames."""
+        """Which boxes (n,) are in BLOCKS runs of frames over the recording. The runs hold one `divisor`-th of all frames."""
         return np.asarray(frame * BLOCKS * divisor // max(self.end, 1) % max(divisor, 1) == 0)
 
     def part(self) -> CalibrationCase:
@@ -332,9 +335,9 @@ class CalibrationCase:
         return replace(self, boxes=boxes, rays=rays)
 
     def with_changed_boxes(self, names: Iterable[str], change: Callable[[Array, Camera], Array]) -> CalibrationCase:
-        """The case whose boxes (n, 4) px of some cameras are changed."""
+        """The case with changed boxes (n, 4) px of some cameras."""
         boxes = {name: {f: (change(box, self.lenses[name]), score) for f, (box, score) in self.boxes[name].items()} for name in names}
-        rays = {name: BoxRays.of(self.lenses[name], boxes[name]) for name in names}
+        rays = {name: BoxRays.of(self.lenses[name], boxes[name], self.limit) for name in names}
         return replace(self, boxes={**self.boxes, **boxes}, rays={**self.rays, **rays})
 
     def with_frames(self, changed: Mapping[str, Ints]) -> CalibrationCase:

@@ -1,7 +1,7 @@
 """Errors of frame numbers: one camera, or all detections, are whole frames late or early, or are numbered in frames of a faster video.
 
-A delay shows in moving people: a camera that is late sees them where they were. The residuals of matched feet are regressed on the velocities of
-people, beside a bias of each camera's feet that depends on the place. The coefficient of the velocity is the delay in frames.
+A delay shows in moving people: a late camera sees them at earlier places. The residuals of matched feet are regressed on the velocities of
+people, together with a bias of each camera's feet that depends on the place. The coefficient of the velocity is the delay in frames.
 """
 
 from __future__ import annotations
@@ -19,46 +19,46 @@ from tracker.recordings.calibration_errors import LEAST_BOXES, MORE, Corrected, 
 from tracker.recordings.calibration_feet import BLOCKS, CalibrationCase, Feet, Nearness, People, Reference, nearness
 
 CLEARLY = 1.3
-"""A shift by more than one frame is taken where feet are so many times as near."""
+"""A shift by more than one frame is accepted where the nearness of feet is higher by this factor."""
 MOST_SHIFT = 5
-"""Frames by which detections are shifted at most."""
+"""Most frames by which detections are shifted."""
 STRETCHES = range(2, 31)
-"""Every n-th frame of a faster video."""
+"""Factors n: detections are in every n-th frame of a faster video."""
 GATE = 1.0
-"""m: feet of one person in two cameras, or in two successive frames, are at most so far apart."""
+"""m: largest distance of the feet of one person in two cameras, or in two successive frames."""
 LEAST_PAIRS = 40
-"""Matched feet of a regression; a quarter of the recording needs half as many."""
+"""Least number of matched feet for a regression; a quarter of the recording needs half as many."""
 LEAST_SPEED = 1e-3
 """m per frame: where most people move less, no delay can be seen."""
 HALF, ERRORS = 0.5, 2.5
-"""Against truth: a delay is reported beyond half a frame by so many standard errors. Cameras that run freely are within half a frame."""
+"""Against truth, a delay must exceed HALF frames by ERRORS standard errors. Unsynchronized cameras differ by up to half a frame."""
 AMONG_CAMERAS = 2 / 3
-"""Frames: the least delay that is reported without truth. The whole frame that mends it then at least halves it."""
+"""Frames: the least delay that is reported without truth. A correction by a whole frame then at least halves it."""
 LEAST_SHARE = 1 / 3
-"""Of the distance of feet from people: a delay that explains less of it may be a bias of feet."""
+"""Least share of the distance of feet from people that a delay explains. A smaller delay may be a bias of feet."""
 LEAST_DELAY = 0.08
-"""s: shorter delays are within what the errors of feet of walking people imitate."""
+"""s: least delay. Errors of the feet of walking people imitate shorter delays."""
 MATCHINGS = 3
 ROUNDS = 15
-"""Of matching and regression; of the weights of a regression."""
+"""Iterations of matching and regression; iterations of the weights of a regression."""
 ROUNDING = 0.1
-"""Frames: error of the delay of a pair beside its standard error."""
+"""Frames: error of the delay of a pair in addition to its standard error."""
 AMBIGUOUS = 1.5
-"""Cameras whose correction leaves a sum of squared delays up to so many times the least one are named, too."""
+"""Other cameras are named, too, where their correction leaves a sum of squared delays below this factor times the least."""
 TRIED = 1500
-"""Feet of a camera by which whole frames are tried."""
+"""Feet of a camera with which shifts by whole frames are tried."""
 MOST_PAIRS = 60
-"""Pairs of cameras that are compared."""
+"""Most pairs of cameras that are compared."""
 QUARTERS = 4
 """Parts of a recording whose delays are compared."""
 
 
 @dataclass(frozen=True)
 class Delay:
-    """Frames by which detections are late, its standard error, and the same of each quarter of the recording, NaN where unknown.
+    """A delay of detections in frames, positive for late, and its standard error. parts: the delay in each quarter, NaN where unknown.
 
     stride: median step of people in a frame over the median distance of the matched feet.
-    A bias of feet that the regression does not know changes from quarter to quarter, as people take other ways.
+    A bias of feet that the regression does not model varies between quarters, because people walk elsewhere.
     """
 
     frames: float
@@ -107,7 +107,7 @@ class Motion:
 
 
 def stretched_frames(case: CalibrationCase) -> Corrected | None:
-    """Every n-th frame: the detections of all cameras, or of one, and the rest count frames of videos of different rates."""
+    """Frame numbers that differ by a factor n: detections of all cameras, or of one, count frames of a video of another rate."""
     if case.truth is not None:
         found = _stretch(case, tuple(case.lenses))
         if found:
@@ -181,7 +181,7 @@ def _renumbered(case: CalibrationCase, names: tuple[str, ...], numbering: Number
 def shifted_frames(case: CalibrationCase) -> Corrected | None:
     """Detections of one camera, or of all against truth, that are whole frames late or early.
 
-    Where nothing is found against truth, cameras are compared with one another: sparse truth may leave a delay open that they show.
+    Where no shift is found against truth, cameras are compared with one another, because sparse truth may not reveal a delay.
     """
     if case.truth is None:
         return _shifted_among(case)
@@ -212,7 +212,7 @@ def _shifted_to_truth(case: CalibrationCase) -> Corrected | None:
 
 
 def _whole(case: CalibrationCase, delay: Delay, error: float) -> bool:
-    """Whether a delay against truth is clearly nearer to another frame, and no bias of feet."""
+    """Whether a delay against truth is clearly more than half a frame, and too large for a bias of feet."""
     least = max(HALF + ERRORS * error, LEAST_DELAY * case.rate)
     return abs(delay.frames) > least and abs(delay.frames) * delay.stride > LEAST_SHARE
 
@@ -223,7 +223,7 @@ def _late(frames: int) -> str:
 
 
 def _one_shifted(case: CalibrationCase, late: Mapping[str, Delay], rest: str) -> Corrected | None:
-    """The camera with the greatest delay, in words."""
+    """The finding on the camera with the greatest delay, and the corrected case."""
     if not late:
         return None
     name = max(late, key=lambda key: abs(late[key].frames))
@@ -251,7 +251,7 @@ def delay_between(a: Motion, b: Motion, centres: tuple[Array, Array | None], shi
     """Frames by which `a` is late against `b`, or None with too few matched feet.
 
     centres: x, y (2,) m of their cameras; None for truth. shift: added to the frames of `a` before feet are matched. Feet are matched again after `b`
-    is moved by the delay that was found. People of a crowd are nearer to one another than they walk in a frame.
+    is moved by the estimated delay. People in a crowd may be closer together than they walk in a frame.
     """
     delay, moved = None, b
     for _ in range(MATCHINGS):
@@ -351,12 +351,12 @@ def _shifted_among(case: CalibrationCase) -> Corrected | None:
 
 
 def delays_among(case: CalibrationCase) -> dict[str, Delay]:
-    """The delay of each camera that sees people whom others see, against the mean of the others."""
+    """The delay of each camera that shares people with other cameras, against the mean of the others."""
     return _camera_delays(list(case.lenses), _pair_delays(case)) if len(case.lenses) > 1 else {}
 
 
 def _least_left(delays: Mapping[str, Delay], late: Mapping[str, Delay]) -> dict[str, Delay]:
-    """The one of the late cameras whose correction brings all cameras best into step."""
+    """The late camera whose correction leaves the smallest delays among all cameras."""
     name = min(late, key=lambda key: _left(delays, key), default=None)
     return {} if name is None else {name: late[name]}
 
@@ -382,7 +382,7 @@ def _pair_delays(case: CalibrationCase) -> dict[tuple[str, str], Delay]:
 
 
 def _best_shift(a: Motion, b: Motion) -> int:
-    """Frames to add to those of `a`, where feet are then clearly nearer. A single frame is left to the regression, which knows biases of feet."""
+    """Frames to add to those of `a`, 0 unless feet are then clearly nearer. The regression, which models biases of feet, finds single frames."""
     reference = Reference(b.frame, b.point)
     rows = slice(None, None, 1 + len(a.frame) // TRIED)
     unknown = np.zeros(len(a.frame[rows]))
@@ -393,7 +393,7 @@ def _best_shift(a: Motion, b: Motion) -> int:
 
 
 def _camera_delays(names: list[str], pairs: Mapping[tuple[str, str], Delay]) -> dict[str, Delay]:
-    """Delay of each camera that stands in a pair, against the mean of the others."""
+    """Delay of each camera that occurs in a pair, against the mean of the others."""
     known = [name for name in names if any(name in pair for pair in pairs)]
     if len(known) < 2:
         return {}

@@ -1,7 +1,7 @@
-"""The last test of a calibration: what a right recording shows, whatever may be wrong with another one. Each figure has a bound with a reason.
+"""The last test of a calibration: bounds on figures that every right recording satisfies. The reason of each bound is given.
 
-Agreement is the share of boxes whose feet are at a person of the same frame, above chance. It is 0 for a wrong calibration, in a crowd, too.
-A place is as sure as its lower edge, which may miss the feet by a tenth of the body (Feet.error). So distant feet of a low camera may be metres off.
+Agreement is the share of boxes whose feet are at a person of the same frame, above chance. It is 0 for a wrong calibration, even in a crowd.
+A place is as accurate as its box's lower edge, which may miss the feet by a tenth of the body (Feet.error). So distant feet may be metres off.
 """
 
 from __future__ import annotations
@@ -16,36 +16,36 @@ from tracker.geometry.ground import inside_area
 from tracker.recordings.calibration_feet import CalibrationCase, Feet, Nearness, Reference, nearness, reference_of
 
 LEAST_BOXES = 40
-"""Boxes of a camera below which nothing is said of it."""
+"""Least number of boxes of a camera that is tested."""
 IN_IMAGE = 0.8
-"""Share of boxes with their middle in the image: a detector sees no other. Edges may lie outside."""
+"""Least share of boxes with their middle in the image: a detector finds no others. Edges may lie outside."""
 GROUNDED = 0.5
-"""Share of boxes with feet on the ground: most boxes are of people, who stand below the horizon. False boxes may be above it."""
+"""Least share of boxes with feet on the ground: most boxes are of people, who stand below the horizon. False boxes may be above it."""
 BODIES, STATURE = 0.25, (0.6, 2.7)
-"""Share of boxes with the height of a body, m, children and people who sit included, and a tenth for errors of edges."""
+"""Least share of boxes with the height of a body, and its bounds, m. They include children, seated people and a tenth for errors of edges."""
 INSIDE = 0.1
-"""Share of boxes in the area. A camera may mostly see what is around it."""
+"""Least share of boxes in the area. A camera may mostly see the surroundings of the area."""
 WITH_TRUTH = 0.3
-"""Agreement with true people: a detector of which two thirds of the boxes are false is of no use. An eighth of the rest is lost to its errors."""
+"""Least agreement with true people. A detector with two thirds false boxes is useless; its errors cost an eighth of the other boxes."""
 WITH_CAMERAS = 0.2
-"""Agreement with other cameras that see the place: less, as others miss people, and walls hide some."""
+"""Least agreement with other cameras that see the place. It is lower, because these cameras miss people, and walls hide some."""
 MIDDLE = 1.0
 """m: height of the middle of a body."""
 MOST_CHANCE = 0.7
-"""Above it nothing can be told: everybody stands at one place, or people are everywhere."""
+"""Largest chance for which agreement is tested. Above it, everybody stands at one place, or people are everywhere."""
 ERRORS = 2.0
 """Standard errors by which agreement has to be below its bound."""
 MOST_CAMERAS = 40
-"""Cameras with which one is compared."""
+"""Most cameras with which a camera is compared."""
 
 Doubt = tuple[tuple[str, ...], str]
-"""Cameras, and in words what they show and what a right recording shows."""
+"""Cameras, and a text with their figures and the bound for a right recording."""
 
 
 def doubts(case: CalibrationCase, alone: bool = False) -> list[Doubt]:
-    """What no right recording shows, a line for each figure with the cameras concerned. Empty where nothing speaks against the calibration.
+    """Figures that no right recording has, an entry for each figure with its cameras. Empty where all figures are within their bounds.
 
-    alone: whether only figures of a camera by itself count, so that errors of other cameras and of the truth do not.
+    alone: whether only figures of a camera by itself count, which errors of other cameras and of the truth do not change.
     """
     names = [name for name in case.lenses if sum(len(box) for box, _ in case.boxes[name].values()) >= LEAST_BOXES and _above(case, name)]
     feet = {name: case.sampled_feet(name) for name in names}
@@ -107,7 +107,7 @@ def _known(feet: Feet, rows: Mask) -> Feet:
 
 
 def _agreement(feet: Feet, reference: Reference) -> float | None:
-    """Agreement, and ERRORS standard errors more; None for fewer than LEAST_BOXES feet in frames with people."""
+    """Agreement plus ERRORS standard errors; None for fewer than LEAST_BOXES feet in frames with people, and for a chance of MOST_CHANCE or more."""
     near = nearness(feet, reference, by_error=True)
     if near.boxes < LEAST_BOXES:
         return None
@@ -117,7 +117,7 @@ def _agreement(feet: Feet, reference: Reference) -> float | None:
 
 
 def _with_others(case: CalibrationCase, feet: dict[str, Feet], name: str) -> float | None:
-    """Agreement of the feet that another camera sees, with the feet of all others."""
+    """Agreement of the feet in view of another camera with the feet of all other cameras."""
     others = [other for other in feet if other != name][:MOST_CAMERAS]
     own = _known(feet[name], _in_area(case, feet[name]))
     seen = np.zeros(len(own.frame), dtype=bool)

@@ -1,4 +1,4 @@
-"""A camera of recording.json: its entry and the RecordingCamera that it stands for.
+"""The entry of a camera in recording.json, and the RecordingCamera that it describes.
 
     {"model": "pinhole", "width": 1920, "height": 1080, "K": (3, 3) px, "distortion": [k1, k2, p1, p2, k3], "R": (3, 3), "t": [x, y, z] m}
     {"model": "fisheye", ... "K", "distortion": [k1, k2, k3, k4]}                        as OpenCV's fisheye model
@@ -7,9 +7,9 @@
     {"model": "tsai", ... "focal", "kappa1", "cx", "cy", "sx", "dpx", "dpy"}             as PETS 2009 has them: mm, 1/mm², px
 
 x_camera = R x_world + t with optical axes: x right, y down, z ahead, as OpenCV has them. A panorama looks ahead in its middle.
-A camera whose pose is not known has neither R nor t, and one of which nothing is known has width and height alone; `pilsim calibrate` finds them.
+A camera of unknown pose has neither R nor t; a camera of unknown model has only width and height. `pilsim calibrate` finds what is missing.
 A camera on a robot has "robot": NAME, and x_camera = R x_robot + t with the robot's axes x ahead, y left, z up. A lens may lack "distortion".
-It may have "own_body": ["0011…", …], rows of 0 and 1 over all directions, as in an equirectangular image: 1 where the camera sees its own robot.
+It may have "own_body": ["0011…", …], rows of 0 and 1 over all directions, as in an equirectangular image. 1: the camera sees its own robot.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ EXACT = 1e-12
 SKEW = 1e-3
 """px: largest skew that is taken for 0."""
 LEAST = 1e-12
-"""Least number above 0 of a camera model: beyond, powers overflow."""
+"""Least size of a nonzero number of a camera model. Powers of smaller numbers overflow."""
 MATRIX = "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]] px with fx, fy above 0"
 FIELDS: dict[str, tuple[str, ...]] = {
     "pinhole": ("K",),
@@ -66,7 +66,7 @@ SYNONYMS = {
     "panorama": "equirectangular",
     "spherical": "equirectangular",
 }
-"""What other programs call these models, for the error message."""
+"""Names of these models in other programs, for the error message."""
 
 
 def camera_from(entry: Any, where: str) -> RecordingCamera:
@@ -83,7 +83,7 @@ def camera_from(entry: Any, where: str) -> RecordingCamera:
 
 
 def _uncalibrated(fields: JsonObject) -> RecordingCamera:
-    """A camera without a pose; a model that is named without "K", where it has one, is known by the size of the image alone."""
+    """A camera without a pose. The model of a pinhole without "K" is guessed from the image size."""
     model = _model(fields) if "model" in fields.values else "pinhole"
     if model != "pinhole" or "K" in fields.values:
         _check_keys(fields, model, ())
@@ -143,7 +143,7 @@ def _check_keys(fields: JsonObject, model: str, pose: tuple[str, ...]) -> None:
 
 
 def _camera(fields: JsonObject, model: str) -> Camera:
-    """The model of the camera. Its own checks, of the fold for instance, are told with the place of the entry."""
+    """The model of the camera. Errors of its class, on distortion for instance, are raised with the place of the entry."""
     arguments: dict[str, Any] = {name: fields.whole(name, 1, MAX_SIDE) for name in ("width", "height")}
     if model in DISTORTION:
         arguments |= intrinsics(fields.array("K", (3, 3), meaning=MATRIX), f"{fields.where}: K")
@@ -168,7 +168,7 @@ def intrinsics(K: Array, where: str) -> dict[str, float]:
 
 
 def rotation(R: Array, where: str) -> Array:
-    """A rotation (3, 3); rounded digits are mended up to ROUNDED by the nearest rotation. Raises ValueError that begins with `where`."""
+    """A rotation (3, 3); rounding errors up to ROUNDED are corrected by the nearest rotation. Raises ValueError that begins with `where`."""
     error, determinant = float(np.abs(R @ R.T - np.eye(3)).max()), float(np.linalg.det(R))
     if not error <= ROUNDED:
         raise ValueError(

@@ -1,4 +1,4 @@
-"""Offsets of cameras' clocks: estimated by people who move, or given, and applied as clocks of the recording."""
+"""Clock offsets of cameras: estimated from moving people or given, and applied as clocks of the recording."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from tracker.recordings.recording import Recording
 
 AUTO = "auto"
 SIGNIFICANCE = 0.01
-"""Probability that an offset is applied to any camera of a recording in step, if its errors in the quarters are independent and normal."""
+"""Probability of a false offset in a synchronized recording, if errors in the quarters are independent and normal."""
 _GRAMMAR = "auto, or CAMERA=SECONDS,... (later is positive)"
 
 
 def parsed_offsets(text: str, cameras: list[str]) -> dict[str, float]:
-    """Camera → s by which its pictures are later than it says. Raises ValueError for another text and an unknown camera."""
+    """Camera → s by which its pictures are later than its clock says. Raises ValueError for an invalid text and an unknown camera."""
     given = named_values(text, cameras, "--offsets has", f"{_GRAMMAR}, with CAMERA one of {', '.join(cameras)}")
     return {name: parse_number(number, f"--offsets has {name}, which") for name, number in given.items()}
 
 
 def estimated_offsets(recording: Recording) -> dict[str, float]:
-    """Fixed camera → s by which its pictures are later than it says, of those that are clearly apart from the other cameras.
+    """Fixed camera → s by which its pictures are later than its clock says, for cameras that clearly differ from the others.
 
-    Feet of one person in two cameras are compared, without truth (calibration_timing.py). What all cameras have in common cannot be seen: the median
-    is 0. Offsets that are not significant are left at 0. Their standard errors are those of the mean of four quarters, so that Student's distribution
-    has three degrees of freedom. All cameras are tested at once (Bonferroni). All offsets are left at 0 where none is LEAST_DELAY, as errors of feet
-    imitate shorter ones.
+    Feet of one person in two cameras are compared, without truth (calibration_timing.py). A common offset is not observable, so the median is set to
+    0. Offsets that are not significant are left at 0. Standard errors are those of the mean of four quarters, so Student's distribution has three
+    degrees of freedom. All cameras are tested at once (Bonferroni). All offsets are left at 0 if none exceeds LEAST_DELAY, because errors of feet
+    imitate shorter offsets.
     """
     delays, rate = delays_among(CalibrationCase.of(recording)), recording.rate
     if len(delays) < 2:
@@ -46,7 +46,7 @@ def estimated_offsets(recording: Recording) -> dict[str, float]:
 
 
 def with_offsets(recording: Recording, offsets: dict[str, float]) -> Recording:
-    """The recording whose cameras took their pictures so much later."""
+    """The recording with clocks that are later by `offsets`: camera → s."""
     moved = {name: recording.clocks.get(name, CameraClock()).later(seconds) for name, seconds in offsets.items()}
     clocks = {**recording.clocks, **moved}
     changed = replace(recording, frames=0, clocks={name: clocks[name] for name in recording.cameras if name in clocks})

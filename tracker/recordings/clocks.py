@@ -1,7 +1,7 @@
-"""When the frames of cameras were taken, and the ticks that follow: a tick is a time with the views of about that time.
+"""The times of the frames of cameras, and the ticks that follow. A tick is a time with the views of about that time.
 
-A camera has its own rate, offset or stamps; one without is in step with the frames of the recording. Those have the rate of the recording, and truth,
-odometry and results are theirs. Where cameras on robots have stamps, or all cameras have the same ones, frames are at these times instead.
+A camera has its own rate, offset or stamps, or it is in step with the frames of the recording. These frames have the rate of the recording; truth,
+odometry and results count them. Where cameras on robots have stamps, or all cameras of the recording the same, frames are at these times instead.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from tracker.types.ticks import ROUNDING
 FILE = "times.csv"
 COLUMNS = {"camera": str, "frame": int, "time_s": float}
 TOGETHER = 0.01
-"""s: views so near in time are one tick. People walk 2 cm meanwhile, less than any box errs."""
+"""s: views within this time are one tick. People walk 2 cm meanwhile, less than the error of any box."""
 NEAR = 0.15
-"""s: the nearest view of a fixed camera so near to a frame is in its tick. People are predicted to the time of the view.
+"""s: the view of a fixed camera nearest to a frame is in its tick, if within this time. People are predicted to the time of the view.
 
-Walking people start and turn within some 0.5 s. Views of one tick are associated with each other, which those of two ticks are not.
+Walking people start and turn within some 0.5 s. Views of one tick are associated with each other; views of two ticks are not.
 """
 LONGEST = 1e7
-"""s: times are at most so large."""
+"""s: largest size of a time."""
 
 
 @dataclass(frozen=True, eq=False)
 class CameraClock:
-    """When a camera took its frames.
+    """The times of the frames of a camera.
 
     stamps: frame from 0 → s; the camera has no other frames. Where it is None, frame f is at offset s + f / rate; rate None: that of the recording.
     """
@@ -66,7 +66,7 @@ class CameraClock:
         return range(max(0, int(np.ceil((end - self.offset) * (self.rate or rate) - ROUNDING))))
 
     def period(self, rate: float) -> float:
-        """Usual s between frames; 0 where it is that of a recording of `rate` frames/s."""
+        """Usual time between frames, s; 0 where it is that of a recording of `rate` frames/s."""
         if self.stamps is None:
             usual = 1 / (self.rate or rate)
         else:
@@ -75,18 +75,18 @@ class CameraClock:
         return 0.0 if abs(usual * rate - 1) < SAME else usual
 
     def later(self, seconds: float) -> CameraClock:
-        """The clock of frames that were taken so much later."""
+        """The clock with all times later by `seconds`."""
         if self.stamps is None:
             return replace(self, offset=self.offset + seconds)
         return replace(self, stamps={frame: time + seconds for frame, time in self.stamps.items()})
 
 
 SAME = 0.02
-"""Share by which the rates of two cameras in step may differ by the jitter of stamps."""
+"""Relative difference of the rates of two cameras in step that jitter of stamps may cause."""
 
 
 class TickViews(NamedTuple):
-    """What a tick holds: time s, frame (the index of Tick) and `reported`; camera → its own frame, and s by which it is later than the tick."""
+    """The content of a tick: time s, frame and `reported` as in Tick. frames: camera → its own frame. later: camera → s after the tick."""
 
     time: float
     frame: int
@@ -99,29 +99,28 @@ class TickViews(NamedTuple):
 class Schedule:
     """The ticks of cameras with clocks. rate: of the recording; frames: how many it has; robots: camera → whether a robot carries it.
 
-    The frames of cameras on robots are those of the recording, as odometry belongs to them.
+    stamps: as in Recording. The frames of cameras on robots are those of the recording, as odometry belongs to them.
     """
 
     rate: float
     frames: int
     clocks: Mapping[str, CameraClock]
     robots: Mapping[str, bool]
+    stamps: Mapping[int, float] = field(default_factory=dict)
     times: Array = field(init=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "times", self._frame_times())
 
     def _frame_times(self) -> Array:
-        """(frames,) s: when the frames of the recording are."""
+        """Times (frames,) s of the frames of the recording."""
         regular, anchors = np.arange(self.frames) / self.rate, dict[int, float]()
         carried = [name for name, on_robot in self.robots.items() if on_robot and name in self.clocks]
-        stamps = [self.clocks[name].stamps for name in (carried or self.robots) if name in self.clocks]
-        if carried:
-            for of_camera in stamps:
-                for frame, time in (of_camera or {}).items():
-                    anchors[frame] = max(time, anchors.get(frame, time))
-        elif len(stamps) == len(self.robots) and stamps[0] is not None and all(one == stamps[0] for one in stamps):
-            anchors = dict(stamps[0])
+        for name in carried:
+            for frame, time in (self.clocks[name].stamps or {}).items():
+                anchors[frame] = max(time, anchors.get(frame, time))
+        if not carried:
+            anchors = dict(self.stamps)
         known = np.array(sorted(frame for frame in anchors if frame < self.frames), dtype=np.int64)
         if not len(known):
             return regular
@@ -131,7 +130,7 @@ class Schedule:
         return np.asarray(np.maximum.accumulate(regular + late - least) + least)
 
     def ticks(self) -> list[TickViews]:
-        """All ticks in order. Views of one camera are never in one tick, nor are two frames."""
+        """All ticks in order. A tick never has two views of one camera, nor two frames of the recording."""
         events: list[Event] = [Event(float(time), "", k) for k, time in enumerate(self.times)]
         for name, on_robot in self.robots.items():
             clock = self.clocks.get(name)
@@ -155,19 +154,14 @@ class Schedule:
         return out
 
     @property
-    def near(self) -> float:
-        """s from a frame within which the views of fixed cameras may be in its tick."""
-        return max(min(NEAR, 0.5 / self.rate), TOGETHER)
-
-    @property
     def end(self) -> float:
-        """s before which the views of the last tick are."""
-        return float(self.times[-1]) + self.near + 1e-9 if self.frames else 0.0
+        """The time, s, before which all views are."""
+        return float(self.times[-1]) + near_frame(self.rate) + 1e-9 if self.frames else 0.0
 
     def nearest(self, name: str, within: float) -> dict[int, tuple[int, float]]:
-        """Own frame of a camera with a clock → the frame of the recording that has no nearer one, and s from there to it.
+        """Own frame of a camera with a clock → the frame of the recording to which it is nearest, and its delay after it, s.
 
-        Frames that are farther than `within` s from any frame of the recording are left out.
+        Own frames that are farther than `within` s from any frame of the recording are left out.
         """
         found = dict[int, tuple[int, float]]()
         if not self.frames:
@@ -181,8 +175,8 @@ class Schedule:
         return {frame: (k, apart) for k, (frame, apart) in found.items()}
 
     def _views(self, name: str, clock: CameraClock) -> Iterable[Event]:
-        """The views of a fixed camera, those in the ticks of frames and those between frames."""
-        at = self.nearest(name, self.near)
+        """The views of a fixed camera, both in the ticks of frames and between frames."""
+        at = self.nearest(name, near_frame(self.rate))
         for frame in clock.frames(self.end, self.rate):
             time = clock.time(frame, self.rate)
             if frame in at:
@@ -202,6 +196,11 @@ class Schedule:
         return TickViews(group[0].time, max([following, *on_robot]), False, frames, later)
 
 
+def near_frame(rate: float) -> float:
+    """Largest time, s, between a frame of a recording and the views of fixed cameras in its tick."""
+    return max(min(NEAR, 0.5 / rate), TOGETHER)
+
+
 class Event(NamedTuple):
     """A view of a camera, or a frame of the recording, whose `camera` is "".
 
@@ -216,7 +215,7 @@ class Event(NamedTuple):
 
 
 def _may_share(event: Event, other: Event) -> bool:
-    """Whether two may be in one tick."""
+    """Whether two events may be in one tick."""
     return event.camera != other.camera and not ("" in (event.camera, other.camera) and (event.between or other.between))
 
 
@@ -256,13 +255,18 @@ def clock_fields(clock: CameraClock | None) -> dict[str, float]:
     return {"offset_s": clock.offset} | ({} if clock.rate is None else {"rate": clock.rate})
 
 
-def uneven_clock(video: Path) -> CameraClock | None:
-    """The clock of a video by its stamps, where an interval differs from the usual one by more than UNEVEN; else None. No image is decoded."""
+def uneven_clock(video: Path, boxes: Iterable[int] = ()) -> CameraClock | None:
+    """The clock of a video by its stamps, where an interval differs from the usual one by more than UNEVEN; else None. No image is decoded.
+
+    boxes: frames with boxes. Those after the end of the video, which `pilsim check` reports, follow at the usual interval.
+    """
     times = packet_times(video)
     steps = np.diff(times)
     if len(steps) < 2 or not (steps > 0).all() or np.abs(steps / np.median(steps) - 1).max() <= UNEVEN:
         return None
-    return CameraClock(stamps=dict(enumerate((times - times[0]).tolist())))
+    last, end = len(steps), float(times[-1] - times[0])
+    after = {frame: end + (frame - last) * float(np.median(steps)) for frame in boxes if frame > last}
+    return CameraClock(stamps=dict(enumerate((times - times[0]).tolist())) | after)
 
 
 UNEVEN = 0.5

@@ -25,11 +25,11 @@ WIDTH = 0.4
 MAX_TRIES = 20
 """Most positions that are drawn for a false box until one lies in the image."""
 CONFIDENCE = 1.0
-"""Of projected boxes: the projection knows nothing of how sure a detector would be."""
+"""Confidence of projected boxes. The projection does not model the confidence of a detector."""
 
 
 def stream(seed: int, name: str) -> np.random.Generator:
-    """The random stream of a camera or another thing, by its name."""
+    """The random stream of a name, of a camera for instance, seeded by (seed, crc32(name))."""
     return np.random.default_rng([seed, zlib.crc32(name.encode())])
 
 
@@ -82,7 +82,7 @@ class BoxNoise:
 def projected_boxes(recording: Recording, noise: BoxNoise | None = None, seed: int = 0) -> Recording:
     """The recording with the boxes of upright bodies at its true positions in place of its detections, in all cameras.
 
-    Bodies hide nobody. A box is the part of a body's box in the image.
+    Occlusion is ignored. A box is the part of a body's box in the image.
     Each camera has a random stream of its own, by its name and `seed`. Cameras on robots need the robots' true poses.
     Raises ValueError for a recording without truth, and for a camera on a robot without true poses.
     """
@@ -169,9 +169,9 @@ class Degradation:
 
 
 def degraded_boxes(recording: Recording, degradation: Degradation, seed: int) -> Recording:
-    """The recording with degraded detections: each camera that has some has a random stream of its own, by its name.
+    """The recording with degraded detections. Each camera with detections has a random stream of its own, by its name and `seed`.
 
-    Raises ValueError for false boxes without an area, or before cameras on robots.
+    Raises ValueError for false boxes without an area, or with cameras on robots.
     """
     area: Any = recording.area
     if degradation.clutter and (area is None or recording.robots):

@@ -1,21 +1,22 @@
 """The folder of a recording: recording.json, detections, optional truth, images, videos and robots; reader and writer.
 
-* recording.json: rate and cameras; optional format, area, ground, height, frames and searched.
-  searched: [[first, last], [first, last, step], ...], frames from 1 in which people were searched, or an object of camera → such a list. Other
-  frames are no frames in which nobody was seen. Without it, all were searched.
+* recording.json: rate and cameras; optional format, area, ground, height, frames, searched and pillars.
+  searched: [[first, last], [first, last, step], ...], frames from 1 in which people were searched, or an object of camera → such a list. In
+  other frames it is unknown whether people are there. Without the field, all frames were searched.
+  pillars: [[x, y, radius, low, high], ...] m, upright cylinders that occlude people.
 * detections/CAMERA.txt (MOT15): frame from 1, -1, left, top, width, height [px], confidence, -1, -1, -1.
 * detections/CAMERA.covariance.npy (optional): c00, c01, c11 [rad²] of each box, the covariance of Detections (rows, 3), in the order of the rows.
 * detections/CAMERA.visible.txt (optional, MOT15): the visible part of each box, as `pilsim detect` writes it. It has a row for each row of
   CAMERA.txt, frame by frame in the same order. The share of the body that is seen stands in place of the confidence.
 * robot_detections.csv (optional): other robots that a camera sees: frame from 1, and the columns of companions.csv of a sequence.
 * detections/CAMERA.npy (optional): appearance vectors of the boxes, an array (rows, d) of floating-point numbers, a row for each row of
-  CAMERA.txt in the same order. They are compared by their cosine: length and scale do not matter. A row of zeros says nothing.
-* truth.txt (MOT15, optional): frame from 1, id, -1, -1, -1, -1, visible share, x, y, z [m]. Who is not seen (0) is not scored.
+  CAMERA.txt in the same order. They are compared by their cosine: length and scale do not matter. A row of zeros holds no information.
+* truth.txt (MOT15, optional): frame from 1, id, -1, -1, -1, -1, visible share, x, y, z [m]. People with share 0 are not scored.
 * video/CAMERA.mp4 (optional): one image for each frame; also .avi, .mkv, .mov, .webm, .m4v and .mpg.
-* times.csv (optional): camera, frame, time_s: when each frame of a camera was taken, frames from 1; what is not in it was not taken. Another
-  camera has the rate of the recording, or its own "rate" and "offset_s" in recording.json. Then frame f is at offset_s + (f - 1) / rate.
+* times.csv (optional): camera, frame from 1, time_s: the time of each frame of a camera. Frames without a row were not taken. A camera without
+  rows has the rate of the recording, or its own "rate" and "offset_s" in recording.json. Then frame f is at offset_s + (f - 1) / rate.
 * images/CAMERA/000001.jpg (optional, in place of the video): frames from 1, or from 0 where a camera has 000000; names as frame_000001.jpg and
-  suffixes .jpeg, .png, .bmp, .tif, .tiff and .webp are read, too. What is found otherwise is told in a line.
+  suffixes .jpeg, .png, .bmp, .tif, .tiff and .webp are read, too. Files that are left out are logged.
 * robots.json (optional): robots that carry cameras: {"r0": {"start": {"position": [x, y, z] m, "quaternion": [w, x, y, z]}}}; a start may have
   "covariance" (6, 6) of [translation m, rotation rad] along the robot's axes, and is null where it is unknown.
 * odometry.csv (with robots), with this header, a row for each robot and frame from 2: frame, robot, x, y, z [m], qw, qx, qy, qz, up_x, up_y, up_z,
@@ -68,9 +69,10 @@ from tracker.types import RobotDetections, Start
 FILE = "recording.json"
 FORMAT = "pilsim-recording/1"
 ROBOT_TRUTH, ROBOTS_SEEN, COVARIANCES = "robot_truth.csv", "robot_detections.csv", ".covariance.npy"
-KEYS = ("format", "rate", "area", "ground", "height", "frames", "searched", "cameras")
+KEYS = ("format", "rate", "area", "ground", "height", "frames", "searched", "pillars", "cameras")
+PILLAR = "rows of x, y, radius, low and high in metres, radius over 0 and low under high"
 OUTSIDE = 1.0
-"""m: true people may be this far outside the area. Farther ones tell of a wrong unit or a wrong area."""
+"""m: true people may be this far outside the area. A larger distance indicates a wrong unit or a wrong area."""
 START_SIGMA = 1e-3
 """m and rad: standard deviation of a robot's start pose that has no covariance."""
 MAX_CAMERAS = 1000
@@ -85,7 +87,7 @@ def is_recording(path: Path) -> bool:
 
 
 def read_recording(path: Path, strict: bool = True) -> Recording:
-    """Read a recording. strict: whether truth must lie in the area and within the frames of the cameras; `pilsim check` reads without.
+    """Read a recording. strict: whether truth must lie in the area and within the frames of the cameras; `pilsim check` omits this test.
 
     Raises ValueError with file and field or line for missing or invalid content.
     """
@@ -105,9 +107,10 @@ def read_recording(path: Path, strict: bool = True) -> Recording:
             ground=ground,
             height=(low, high),
             occluders=occluders,
+            pillars=pillars_from(content),
             images=images,
             robots=robots,
-            clocks=_clocks(path, entries, images),
+            clocks=_clocks(path, entries, images, detections),
             searched=_searched(content.values.get("searched"), cameras, f"{file}: searched"),
             appearances=_of_boxes(path / "detections", list(cameras), ".npy"),
             covariances=_of_boxes(path / "detections", list(cameras), COVARIANCES),
@@ -126,7 +129,7 @@ def read_recording(path: Path, strict: bool = True) -> Recording:
     return _with_truth(path, recording, strict)
 
 
-def _clocks(path: Path, entries: Mapping[str, Any], images: Mapping[str, ImageSource]) -> dict[str, CameraClock]:
+def _clocks(path: Path, entries: Mapping[str, Any], images: Mapping[str, ImageSource], boxes: Mapping[str, FrameBoxes]) -> dict[str, CameraClock]:
     """The clocks of cameras: of times.csv, of recording.json, or of a video whose frames are not evenly spaced in time."""
     told = {name: clock for name, entry in entries.items() if (clock := clock_from(entry, f"cameras.{name}")) is not None}
     stamped = read_times(path / TIMES, entries) if (path / TIMES).is_file() else {}
@@ -134,7 +137,9 @@ def _clocks(path: Path, entries: Mapping[str, Any], images: Mapping[str, ImageSo
         raise ValueError(f"cameras.{both[0]} has offset_s or rate, and {TIMES} has its times; needs one of them")
     uneven = {}
     for name, source in images.items():
-        if name not in told and name not in stamped and isinstance(source, VideoFile) and (clock := uneven_clock(source.path)) is not None:
+        if not isinstance(source, VideoFile) or name in told or name in stamped:
+            continue
+        if (clock := uneven_clock(source.path, boxes.get(name, ()))) is not None:
             uneven[name] = clock
             say(f"{source.path}: frames are not evenly spaced in time; they are taken at their own stamps")
     return {name: (told | stamped | uneven)[name] for name in entries if name in told or name in stamped or name in uneven}
@@ -191,6 +196,14 @@ def runs_of(frames: Iterable[int]) -> list[list[int]]:
     return [[a + 1, b + 1] for a, b in zip(starts, ends, strict=True)]
 
 
+def pillars_from(content: JsonObject) -> Array:
+    """The field `pillars` (p, 5), as in Setup; none without it. Raises ValueError for other content."""
+    pillars = content.array("pillars", (-1, 5), meaning=PILLAR) if "pillars" in content.values else np.zeros((0, 5))
+    if not ((pillars[:, 2] > 0) & (pillars[:, 3] < pillars[:, 4])).all():
+        raise content.refused("pillars", PILLAR)
+    return pillars
+
+
 def _ground(path: Path, content: JsonObject) -> tuple[Ground, Ground | None]:
     ground = content.values.get("ground", 0.0)
     if isinstance(ground, str):
@@ -199,7 +212,7 @@ def _ground(path: Path, content: JsonObject) -> tuple[Ground, Ground | None]:
 
 
 def _detections(path: Path, cameras: Mapping[str, RecordingCamera]) -> dict[str, FrameBoxes]:
-    """The boxes of all cameras that have a file. Raises ValueError for a file of no camera, and for one of a camera with another ending."""
+    """The boxes of all cameras that have a file. Raises ValueError for a file of no camera, and for a camera's file with another suffix."""
     folder, found = path / "detections", dict[str, FrameBoxes]()
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder}: is a file, needs to be a folder with CAMERA.txt")
@@ -223,7 +236,7 @@ def read_boxes(file: Path) -> dict[int, tuple[Array, Array]]:
 
 
 def read_visible_parts(file: Path) -> dict[int, Array]:
-    """The visible parts of the boxes of CAMERA.txt, in CAMERA.visible.txt beside it: frame from 0 → (n, 5), as of Recording. None without it.
+    """The visible parts of the boxes of CAMERA.txt, in CAMERA.visible.txt beside it: frame from 0 → (n, 5), as in Recording. Empty without it.
 
     Raises ValueError with the file for rows that are not those of the boxes, and for shares out of bounds.
     """
@@ -272,7 +285,7 @@ def _vectors(file: Path, text: Path) -> dict[int, Array]:
 
 
 def _with_truth(path: Path, recording: Recording, strict: bool) -> Recording:
-    """The recording with truth.txt, where there is one. Frames without a row in it have nobody."""
+    """The recording with truth.txt, where there is one. Frames without a row have no people."""
     file = path / "truth.txt"
     if not file.exists():
         return recording
@@ -367,7 +380,7 @@ def _checksums(path: Path) -> dict[str, str]:
 def write_recording(folder: Path, recording: Recording) -> None:
     """Write a recording into an existing empty folder; read_recording reads the same. Images and videos are copied.
 
-    Of boxes of a frame that are equal in all, which readers take for one, the first is written.
+    Of equal boxes in a frame only the first is written, because readers merge equal rows.
     Raises ValueError for terrain that is neither flat nor a height map, and for a camera model that the format cannot hold.
     """
     recording = _without_repeated_boxes(recording)
@@ -378,6 +391,8 @@ def write_recording(folder: Path, recording: Recording) -> None:
         content["searched"] = {name: runs_of(frames) for name, frames in recording.searched.items()}
     content["ground"] = _write_ground(folder, recording)
     content["height"] = list(recording.height)
+    if len(recording.pillars):
+        content["pillars"] = np.asarray(recording.pillars).tolist()
     content["cameras"] = {name: camera_to(camera) | clock_fields(recording.clocks.get(name)) for name, camera in recording.cameras.items()}
     write_json(folder / FILE, content, indent=1)
     (folder / "detections").mkdir()
@@ -406,7 +421,7 @@ def write_recording(folder: Path, recording: Recording) -> None:
 
 
 def _without_repeated_boxes(recording: Recording) -> Recording:
-    """The recording with each box of a frame once, and the vectors of those that are left."""
+    """The recording with each box of a frame once, and with the vectors of the kept boxes."""
     first: dict[str, dict[int, Ints]] = {name: {} for name in recording.detections}
     for name, boxes in recording.detections.items():
         for frame, (box, confidence) in boxes.items():

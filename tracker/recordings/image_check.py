@@ -1,6 +1,6 @@
-"""Frames and images beside the boxes of a recording: frames in which no camera has boxes, and images that are not those of the boxes.
+"""Tests of frames and images against the boxes of a recording: frames without boxes in any camera, and images that do not fit the boxes.
 
-A shift of frame numbers between images and boxes is found by what moves before the background.
+A shift of frame numbers between images and boxes is found from pixels that differ from the background.
 """
 
 from __future__ import annotations
@@ -15,24 +15,25 @@ from tracker.io.image_files import image_size
 from tracker.io.time_order import say
 from tracker.io.video_files import frame_times
 from tracker.recordings.calibration_errors import Finding
+from tracker.recordings.clocks import CameraClock
 from tracker.recordings.folder import runs_of
 from tracker.recordings.images import ImageFiles, ImageSource, VideoFile
 from tracker.recordings.recording import FrameBoxes, Recording, RecordingCamera
 
 LEAST_BESIDE = 4.0
-"""Boxes of all cameras in the frames beside a silent one: so many people do not vanish from all views in a frame."""
+"""Least mean number of boxes in the frames beside a silent frame. So many people do not vanish from all views in a frame."""
 RATE_OFF = 0.05
-"""Share by which the rate of a video may differ from that of the recording: 30 and 29.97 frames/s are one."""
+"""Share by which the rate of a video may differ from that of the recording: 30 and 29.97 frames/s count as equal."""
 RATE_FRAMES = 200
-"""Frames of a video by whose stamps its rate is taken."""
+"""Frames of a video from whose stamps its rate is estimated."""
 NAMED = 3
 """Runs of frames that a line names."""
 SAMPLED, AT_LEAST = 150, 25
-"""Frames from the first one with boxes that are looked at, and fewer tell nothing."""
+"""Frames, from the first with boxes, that the test of shifted images uses, and the least number that it needs."""
 WIDTH = 240
 """px to which images are scaled."""
 SHIFTS = (-2, -1, 1, 2)
-"""Frames by which images may be off."""
+"""Shifts of images, in frames, that are tested."""
 SURE, CLEARLY = 4.0, 0.03
 """Standard errors, and share of the contrast, by which another frame's boxes have to fit better."""
 
@@ -76,7 +77,7 @@ def _named(frames: Iterable[int]) -> str:
 
 
 def image_findings(recording: Recording) -> list[Finding]:
-    """Images that do not fit the boxes: of another size, missing, or fewer. The rate of a video is told alone, as many are encoded at another."""
+    """Images that do not fit the boxes: of another size, missing, or fewer. A different rate of a video is only logged, because it is frequent."""
     out: list[Finding] = []
     for name, source in recording.images.items():
         boxes = [frame for frame, (box, _) in recording.detections.get(name, {}).items() if len(box)]
@@ -91,10 +92,10 @@ def image_findings(recording: Recording) -> list[Finding]:
 
 def _of_files(recording: Recording, name: str, source: ImageFiles, boxes: list[int]) -> list[Finding]:
     out, lens = [], recording.cameras[name].camera
-    first = min(source.files)
-    size = image_size(source.files[first].read_bytes())
-    if size is not None and size != (lens.height, lens.width):
-        words = f"{name}: {source.files[first].name} is {size[1]} x {size[0]} px, and the calibration is of {lens.width} x {lens.height} px"
+    first = source.files[min(source.files)] if source.files else None
+    size = image_size(first.read_bytes()) if first is not None else None
+    if first is not None and size is not None and size != (lens.height, lens.width):
+        words = f"{name}: {first.name} is {size[1]} x {size[0]} px, and the calibration is of {lens.width} x {lens.height} px"
         out.append(Finding("image-size", (name,), words))
     missing = sorted(set(boxes) - set(source.files))
     if missing:
@@ -106,9 +107,11 @@ def _of_files(recording: Recording, name: str, source: ImageFiles, boxes: list[i
 def _of_video(recording: Recording, name: str, source: VideoFile, boxes: list[int]) -> list[Finding]:
     out = []
     last, times = max(boxes, default=-1), frame_times(source.path, RATE_FRAMES)
-    rate = (len(times) - 1) / float(np.ptp(times)) if len(times) > 2 and np.ptp(times) > 0 else recording.rate
-    if not 1 - RATE_OFF < rate / recording.rate < 1 + RATE_OFF:
-        say(f"{source.path}: has {rate:.4g} frames/s by its stamps, and the recording has {recording.rate:g}; its frames are taken one by one")
+    clock = recording.clocks.get(name, CameraClock())
+    whose, told = (f"camera {name}", clock.rate) if clock.rate is not None else ("the recording", recording.rate)
+    rate = (len(times) - 1) / float(np.ptp(times)) if len(times) > 2 and np.ptp(times) > 0 else told
+    if clock.stamps is None and not 1 - RATE_OFF < rate / told < 1 + RATE_OFF:
+        say(f"{source.path}: has {rate:.4g} frames/s by its stamps, and {whose} has {told:g}; its frames are taken one by one")
     if last >= len(times) and last >= (frames := source.frames()):
         words = f"{name}: {source.path.name} has {frames} frames, and there are boxes in frame {last + 1}"
         out.append(Finding("video-short", (name,), words))
@@ -116,7 +119,7 @@ def _of_video(recording: Recording, name: str, source: VideoFile, boxes: list[in
 
 
 def shifted_images(name: str, camera: RecordingCamera, source: ImageSource, boxes: FrameBoxes) -> list[Finding]:
-    """A finding where images fit the boxes of another frame clearly better. Where people hardly move, no shift is seen."""
+    """A finding where images fit the boxes of another frame clearly better. Where people hardly move, no shift is found."""
     frames = sorted(frame for frame, (box, _) in boxes.items() if len(box))
     if len(frames) < AT_LEAST or camera.robot is not None:
         return []
@@ -143,7 +146,7 @@ def _changes(camera: RecordingCamera, source: ImageSource, frames: range) -> Ite
             if image is not None and frame in frames:
                 small[frame] = cv2.resize(image, target, interpolation=cv2.INTER_AREA).mean(axis=2)
     except ValueError:
-        pass  # An image that is missing or damaged is told elsewhere.
+        pass  # Missing and damaged images are reported elsewhere.
     if small:
         background = np.median(np.array(list(small.values())), axis=0)
         yield from ((frame, np.abs(one - background)) for frame, one in small.items())

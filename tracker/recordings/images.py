@@ -41,13 +41,13 @@ class ImageSource(Protocol):
 
 @dataclass(frozen=True)
 class VideoFile:
-    """A video with an image for each frame. first: index of the image of frame 0. Raises ValueError where it cannot be opened, when it is read."""
+    """A video with an image for each frame. first: index of the image of frame 0. Reading raises ValueError where it cannot be opened."""
 
     path: Path
     first: int = 0
 
     def frames(self) -> int:
-        """Number of images from `first` on, which are decoded, as containers tell estimates."""
+        """Number of images from `first` on. All are decoded, because containers hold only estimates."""
         return max(0, len(frame_times(self.path)) - self.first)
 
     def paths(self) -> list[Path]:
@@ -76,7 +76,7 @@ class VideoFile:
 
 @dataclass(frozen=True, eq=False)
 class ImageFiles:
-    """Image files by frame from 0. Frames without a file have no image. Images are upright by their EXIF orientation, which is told."""
+    """Image files by frame from 0. Frames without a file have no image. Images are turned upright by their EXIF orientation, which is logged."""
 
     files: Mapping[int, Path]
 
@@ -107,7 +107,7 @@ class ImageFiles:
 def image_sources(path: Path, cameras: Collection[str]) -> dict[str, ImageSource]:
     """The images of cameras in a folder: video/CAMERA.mp4, or files in images/CAMERA/, numbered from 0 or 1.
 
-    Suffixes are VIDEOS and PICTURES. Folders and files that belong to no camera are told. Raises ValueError for two videos of a camera, and for
+    Suffixes are VIDEOS and PICTURES. Folders and files that belong to no camera are logged. Raises ValueError for two videos of a camera, and for
     two images with one number.
     """
     found: dict[str, ImageSource] = {}
@@ -134,7 +134,7 @@ def _frame_of(view: View, tick: Tick) -> int:
 
 
 def _image(readers: Mapping[str, Iterator[tuple[int, Image | None]]], view: View, frame: int) -> Image | None:
-    """The image of a frame; those before it that no view has are skipped."""
+    """The image of a frame; earlier images without a view are skipped."""
     return next((image for k, image in readers[view.camera] if k == frame), None) if view.camera in readers else None
 
 

@@ -1,4 +1,4 @@
-"""A recording: calibrated cameras, boxes of people per camera and frame, and what else is known. Every foreign data set is read as one.
+"""A recording: calibrated cameras, boxes of people per camera and frame, and optional further data. Every foreign data set is read as a Recording.
 
 Frames count from 0 here; files count from 1, as MOTChallenge does. Positions are in metres in a right-handed world with z up.
 """
@@ -18,7 +18,7 @@ from tracker.geometry import Array, Ints, Mask, Pose
 from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Camera, Pinhole
 from tracker.geometry.ground import Flat, Ground
 from tracker.io.mot15 import MAX_FRAME
-from tracker.recordings.clocks import LONGEST, TOGETHER, CameraClock, Schedule, TickViews
+from tracker.recordings.clocks import LONGEST, TOGETHER, CameraClock, Schedule, TickViews, near_frame
 from tracker.recordings.images import ImageFiles, ImageSource, TicksWithImages
 from tracker.sequence.calibration import MAX_RATE, MIN_RATE
 from tracker.types import Detections, Mount, Odometry, RobotDetections, Sequence, Setup, Start, Tick, Ticks, TicksInMemory, Truth, View
@@ -26,11 +26,11 @@ from tracker.types import Detections, Mount, Odometry, RobotDetections, Sequence
 FrameBoxes = Mapping[int, tuple[Array, Array]]
 """Frame from 0 → boxes (n, 4) left, top, width, height px and confidence (n,). Frames without boxes may have no entry."""
 FrameVectors = Mapping[int, Array]
-"""Frame from 0 → appearance vectors (n, d) of the boxes of that frame, in their order."""
+"""Frame from 0 → vectors (n, d) of the boxes of that frame, in their order."""
 MAX_FRAMES = MAX_FRAME
-"""Of a recording, which holds a value for each frame, also for those without data."""
+"""Most frames of a recording, which holds a value for each frame, also for frames without data."""
 MAX_VIEWS = 1 << 24
-"""Frames times cameras: a tick holds a view for each."""
+"""Most frames times cameras: each tick holds a view per camera."""
 NOBODY, NO_ROBOT = Detections.none(), RobotDetections.none()
 NO_BOXES = np.zeros((0, 4)), np.zeros(0)
 STATURE = (1.4, 2.3)
@@ -38,15 +38,15 @@ STATURE = (1.4, 2.3)
 GUESSED_FOCAL = 0.8
 """Focal length over the width of the image where it is not known."""
 SHOWN_AS = 4 / 3
-"""Width over height at which pictures of STANDARD_SIZES are shown, as ITU-R BT.601 has it, whatever their numbers of pixels."""
+"""Width over height at which pictures of STANDARD_SIZES are shown (ITU-R BT.601), whatever their numbers of pixels."""
 STANDARD_SIZES = frozenset({(720, 576), (704, 576), (352, 288), (720, 480), (704, 480), (352, 240)})
-"""px: width and height of PAL and NTSC video, whose pixels are no squares."""
+"""px: width and height of PAL and NTSC video, whose pixels are not square."""
 OF_BOXES = {"appearances": "d", "covariances": "3", "visible_parts": "5"}
 """Fields of a recording with a vector for each box, and the lengths of the vectors."""
 
 
 def pixel_aspect(width: int, height: int) -> float:
-    """Width over height of a pixel, by the size of the image: 1 but for STANDARD_SIZES."""
+    """Width over height of a pixel, by the size of the image: 1 except for STANDARD_SIZES."""
     return SHOWN_AS * height / width if (width, height) in STANDARD_SIZES else 1.0
 
 
@@ -55,7 +55,7 @@ class RecordingCamera:
     """A camera: its model and its pose in body axes (x forward, y left, z up).
 
     pose: T_world_camera of a fixed camera; T_robot_camera where `robot` names the robot that carries it.
-    unknown: "K" where the model is a guess by the size of the image, "pose" where the pose is none. `pilsim calibrate` finds them.
+    unknown: "K" where the model is guessed from the image size, "pose" where the pose is unknown. `pilsim calibrate` estimates both.
     own_body: as in Mount.
     """
 
@@ -67,7 +67,7 @@ class RecordingCamera:
 
     @staticmethod
     def uncalibrated(width: int, height: int, camera: Camera | None = None) -> RecordingCamera:
-        """A camera of which the size of the image is known, and its model where `camera` is given."""
+        """A camera without a known pose. Its model is `camera`, or a guess from the image size."""
         focal = GUESSED_FOCAL * width
         guess = Pinhole(width, height, focal, focal * pixel_aspect(width, height), (width - 1) / 2, (height - 1) / 2)
         return RecordingCamera(camera or guess, Pose.identity(), unknown=frozenset({"pose"} if camera else {"K", "pose"}))
@@ -82,7 +82,7 @@ class RecordingCamera:
     def looking_at(camera: Camera, position: ArrayLike, target: ArrayLike) -> RecordingCamera:
         """A fixed camera at `position` (3,) m that looks at `target` (3,) m, level from side to side.
 
-        Raises ValueError for a target straight above or below, which leaves the direction of up open.
+        Raises ValueError for a target straight above or below, where the roll is undefined.
         """
         eye = np.asarray(position, dtype=np.float64)
         forward = np.asarray(target, dtype=np.float64) - eye
@@ -110,21 +110,22 @@ class RecordingRobot:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Cameras, boxes, and what else is known of a recording.
+    """Cameras, boxes, and optional further data of a recording.
 
     rate: frames per second. cameras: name → RecordingCamera. detections: camera → FrameBoxes; a fixed camera without an entry has no views.
-    truth: frame from 0 → ids (k,) and positions (k, 3) m of people, or None. frames: number of frames, 0 for as many as there are boxes or truth.
+    truth: frame from 0 → ids (k,) and positions (k, 3) m of people, or None. frames: number of frames, 0 for up to the last with data.
     area: (2, 2) m, the lowest and highest x, y in which people are reported, or None. ground: the terrain. height: band of body heights, m.
-    searched: fixed camera → the frames that were searched for people, for cameras not searched in all. In others it has no view: nobody knows.
-    clocks: camera → when it took its frames. Its frames, in all fields, are its own then; others are in step with the recording (clocks.py).
-    appearances: camera → frame → vectors (n, d) of the boxes of that frame, as in Detections; they are left out where other boxes come in.
-    covariances: camera → frame → (n, 3) rad²: c00, c01, c11 of the covariance in Detections that the detector states; left out likewise.
-    visible_parts: camera → frame → (n, 5): left, top, width, height px of the visible part of each box, and the share seen; left out likewise.
+    searched: fixed camera → frames in which people were searched, if not all. In other frames the camera has no view.
+    clocks: camera → times of its frames; all fields then count its own frames. Other cameras are in step with the recording (clocks.py).
+    stamps: frame → its time in s, empty for an even rate. None takes the stamps that all cameras share; a part of the recording keeps them.
+    appearances: camera → frame → vectors (n, d) of the boxes of that frame, as in Detections; they are dropped where the boxes are replaced.
+    covariances: camera → frame → (n, 3) rad²: c00, c01, c11 of the detector's covariance, as in Detections; dropped likewise.
+    visible_parts: camera → frame → (n, 5): left, top, width, height px of the visible part of each box, and the share seen; dropped likewise.
     robot_detections: camera → frame → the other robots that it sees; empty where no detector of robots runs.
     visible: frame → (k,) the largest share of each true person that a camera sees, in [0, 1]; 1 for frames without an entry.
     occluders: height map of walls and furniture, or None. pillars: as in Setup. images: camera → its images. robots: name → RecordingRobot.
 
-    Raises ValueError for a rate, height or frames out of bounds, a missing robot, and for detections of a camera that is not there.
+    Raises ValueError for a rate, height or frames out of bounds, a missing robot, and for data of an unknown camera.
     """
 
     rate: float
@@ -146,6 +147,7 @@ class Recording:
     robot_detections: Mapping[str, Mapping[int, RobotDetections]] = field(default_factory=dict)
     searched: Mapping[str, frozenset[int]] = field(default_factory=dict)
     clocks: Mapping[str, CameraClock] = field(default_factory=dict)
+    stamps: Mapping[int, float] | None = None
     source: Mapping[str, Any] = field(default_factory=lambda: {"source": "recording"})
 
     def __post_init__(self) -> None:
@@ -168,10 +170,15 @@ class Recording:
                 )
             if camera.robot is None and name in self.robots:
                 raise ValueError(f"camera {name!r} is fixed and has the name of a robot, needs another name")
+        if self.stamps is None:
+            first, *others = [self.clocks[name].stamps if name in self.clocks else None for name in self.cameras]
+            object.__setattr__(self, "stamps", first if first is not None and all(one == first for one in others) else {})
         if self.frames == 0:
             object.__setattr__(self, "frames", self._last_frame() + 1)
-        if not self._last_frame() < self.frames <= MAX_FRAMES:
-            raise ValueError(f"frames is {self.frames}, needs more than {self._last_frame()}, the last with data, and at most {MAX_FRAMES}")
+        # A view shortly after the last frame is in its tick.
+        last = self._last_frame(near_frame(self.rate) + 1e-9)
+        if not last < self.frames <= MAX_FRAMES:
+            raise ValueError(f"frames is {self.frames}, needs more than {last}, the last with data, and at most {MAX_FRAMES}")
         if self.frames * len(self.cameras) > MAX_VIEWS:
             raise ValueError(f"frames is {self.frames} of {len(self.cameras)} cameras, needs at most {MAX_VIEWS} views in all")
         for kind, length in OF_BOXES.items():
@@ -183,7 +190,7 @@ class Recording:
                         raise ValueError(f"{kind} of {name}, frame {frame}, {shape}, one for each box")
 
     def check_heights(self) -> None:
-        """Raises ValueError for a fixed camera that is not above the ground. `pilsim check` opens such a recording and says why."""
+        """Raises ValueError for a fixed camera that is not above the ground. `pilsim check` opens such a recording and reports the error."""
         for name, camera in self.fixed.items():
             if "pose" in camera.unknown:
                 continue
@@ -200,42 +207,49 @@ class Recording:
         if unknown := [name for name, camera in self.cameras.items() if camera.unknown]:
             raise ValueError(f"cameras {', '.join(unknown)} have no R and t; `pilsim calibrate` finds them by the people who walk before them")
 
-    def _last_frame(self) -> int:
-        """The last frame that has boxes, an image file, truth or odometry; −1 without any."""
+    def _last_frame(self, near: float = TOGETHER) -> int:
+        """The last frame that has boxes, an image file, truth or odometry; −1 without any. near: as in _frame_of."""
         files = {name: source.files for name, source in self.images.items() if isinstance(source, ImageFiles)}
-        of_cameras = [self._frame_of(name, max(of[name])) for of in (self.detections, files) for name in of if of[name]]
+        of_cameras = [self._frame_of(name, max(of[name]), near) for of in (self.detections, files) for name in of if of[name]]
         others: list[Iterable[int]] = [self.truth or (), *(robot.odometry for robot in self.robots.values())]
         return max([*of_cameras, *(max(frames, default=-1) for frames in others)], default=-1)
 
-    def _frame_of(self, name: str, frame: int) -> int:
-        """The frame of the recording that a camera's own frame leads to. Frames of robots are those of the recording."""
-        if name not in self.clocks or self.cameras[name].robot is not None or self._common_stamps:
+    def _frame_of(self, name: str, frame: int, near: float) -> int:
+        """The first frame of the recording that is at most `near` s before a camera's own frame; a robot's camera counts these frames itself."""
+        if self._counts_along(name):
             return frame
         stamps = self.clocks[name].stamps
         if stamps is not None and frame not in stamps:
             raise ValueError(f"{name} has data in frame {frame + 1}, for which times.csv has no row")
-        return max(0, int(np.ceil((self.clocks[name].time(frame, self.rate) - TOGETHER) * self.rate)))
+        time, shared = self.clocks[name].time(frame, self.rate) - near, self.stamps or {0: 0.0}
+        known = sorted(shared)
+        times = [shared[k] for k in known]
+        # Frames before and after the stamps have the rate of the recording.
+        beyond = (time - np.clip(time, times[0], times[-1])) * self.rate
+        return max(0, int(np.ceil(np.interp(time, times, known) + beyond)))
 
-    @property
-    def _common_stamps(self) -> bool:
-        stamps = [self.clocks[name].stamps if name in self.clocks else None for name in self.cameras]
-        return stamps[0] is not None and all(one == stamps[0] for one in stamps)
+    def _counts_along(self, name: str) -> bool:
+        """Whether a camera's own frames are those of the recording."""
+        return name not in self.clocks or self.cameras[name].robot is not None or self._has_stamps(name)
+
+    def _has_stamps(self, name: str) -> bool:
+        """Whether the stamps of a camera are those of the recording's frames."""
+        return bool(self.stamps) and name in self.clocks and self.clocks[name].stamps == self.stamps
 
     @cached_property
     def schedule(self) -> Schedule:
-        """When the frames of the recording are, and the ticks of its cameras."""
-        return Schedule(self.rate, self.frames, self.clocks, {name: camera.robot is not None for name, camera in self.cameras.items()})
+        """The times of the recording's frames, and the ticks of its cameras."""
+        robots = {name: camera.robot is not None for name, camera in self.cameras.items()}
+        return Schedule(self.rate, self.frames, self.clocks, robots, self.stamps or {})
 
     def in_step(self) -> Recording:
-        """The recording with the data of cameras with clocks in the frames of the recording that are nearest in time; others are not searched.
+        """The recording without clocks. Data of cameras with clocks move to the frames nearest in time; the cameras are not searched in other frames.
 
-        What compares cameras frame by frame reads this.
+        Functions that compare cameras frame by frame use it.
         """
         if not self.clocks:
             return self
-        if self._common_stamps:
-            return replace(self, clocks={})
-        number = {name: {f: k for f, (k, _) in self._nearest(name).items()} for name in self.clocks if self.cameras[name].robot is None}
+        number = {name: {f: k for f, (k, _) in self._nearest(name).items()} for name in self.clocks if not self._counts_along(name)}
 
         def moved(kind: str) -> dict[str, Any]:
             return {
@@ -252,13 +266,13 @@ class Recording:
         }  # fmt: skip
         vectors: dict[str, Any] = {kind: moved(kind) for kind in OF_BOXES}
         return replace(
-            self, clocks={}, images=images, searched={**self.searched, **searched}, detections=moved("detections"),
+            self, clocks={}, stamps={}, images=images, searched={**self.searched, **searched}, detections=moved("detections"),
             robot_detections=moved("robot_detections"), **vectors,
         )  # fmt: skip
 
     def apart(self, name: str) -> Array:
-        """s by which the pictures of a camera are later than the frames of `in_step` that they are in."""
-        nearest = self._nearest(name) if name in self.clocks and not self._common_stamps else {}
+        """Delays (n,) s of a camera's pictures after the frames of `in_step` that hold them."""
+        nearest = self._nearest(name) if name in self.clocks and not self._has_stamps(name) else {}
         return np.array([apart for _, apart in nearest.values()])
 
     def _nearest(self, name: str) -> dict[int, tuple[int, float]]:
@@ -267,14 +281,14 @@ class Recording:
 
     def own_frames(self, name: str) -> Iterable[int]:
         """The frames of a camera up to the end of the recording, by its clock."""
-        if name not in self.clocks or self.cameras[name].robot is not None or self._common_stamps or not self.frames:
+        if self._counts_along(name) or not self.frames:
             return range(self.frames)
         return self.clocks[name].frames(self.schedule.end, self.rate)
 
     def truth_of(self, name: str) -> Mapping[int, tuple[Ints, Array]]:
-        """Own frame of a camera → ids (k,) and places (k, 3) m of people at its time; between frames of the truth, of who is in both."""
+        """Own frame of a camera → ids (k,) and places (k, 3) m of people at its time, interpolated between frames of the truth."""
         truth = self.truth or {}
-        if name not in self.clocks or self.cameras[name].robot is not None or self._common_stamps:
+        if self._counts_along(name):
             return truth
         known, out = sorted(truth), dict[int, tuple[Ints, Array]]()
         times = self.schedule.times[known]
@@ -311,7 +325,7 @@ class Recording:
         return truth[frame] @ camera.pose if frame in truth else None
 
     def choose(self, cameras: Iterable[str]) -> Recording:
-        """The recording with these cameras alone. Raises ValueError for a camera that is not there or is named twice."""
+        """The recording with only these cameras. Raises ValueError for an unknown camera and for one that is named twice."""
         names = list(cameras)
         for name in names:
             if name not in self.cameras:
@@ -333,7 +347,7 @@ class Recording:
         )
 
     def cut(self, first: int, end: int) -> Recording:
-        """The frames from `first` to `end` − 1; `first` becomes frame 0. Raises ValueError for frames that are not there."""
+        """The frames from `first` to `end` − 1; `first` becomes frame 0. Raises ValueError for missing frames."""
         if not 0 <= first < end <= self.frames:
             raise ValueError(f"frames are {first}:{end}, needs 0 to {self.frames} with the lower first")
 
@@ -356,6 +370,7 @@ class Recording:
             detections={name: part(boxes, name) for name, boxes in self.detections.items()},
             searched={name: frozenset(part(dict.fromkeys(frames), name)) for name, frames in self.searched.items()},
             clocks={name: self._cut_clock(name, spans[name], begin) for name in self.clocks},
+            stamps=_cut_stamps(self.stamps, (first, end), begin) if self.stamps else {},
             robot_detections={name: part(seen, name) for name, seen in self.robot_detections.items()},
             truth=None if self.truth is None else part(self.truth),
             visible=part(self.visible),
@@ -366,8 +381,8 @@ class Recording:
         )
 
     def _span(self, name: str, first: int, end: int) -> tuple[int, int]:
-        """The own frames of a camera, first and end, that lead to the frames from `first` to `end` − 1 of the recording."""
-        if name not in self.clocks or self.cameras[name].robot is not None or self._common_stamps:
+        """First and end of a camera's own frames in the ticks of the frames from `first` to `end` − 1 of the recording."""
+        if self._counts_along(name):
             return first, end
         inside = [tick.frames[name] for tick in self.schedule.ticks() if name in tick.frames and first <= tick.frame < end]
         return (min(inside), max(inside) + 1) if inside else (0, 0)
@@ -376,13 +391,13 @@ class Recording:
         """The clock of a camera whose frames begin at the first one of `span`, in a recording that begins at `begin` s."""
         clock = self.clocks[name]
         if clock.stamps is not None:
-            return replace(clock, stamps={f - span[0]: time - begin for f, time in clock.stamps.items() if span[0] <= f < span[1]} or {0: -LONGEST})
+            return replace(clock, stamps=_cut_stamps(clock.stamps, span, begin))
         return replace(clock, offset=clock.time(span[0], self.rate) - begin)
 
     def setup(self, calibrated: bool = True) -> Setup:
         """The constant inputs of the tracker. A fixed camera is a robot of its name that never moves. Raises ValueError as check_heights.
 
-        calibrated: whether all poses are needed, and ValueError is raised without one; finding people in images needs none.
+        calibrated: whether ValueError is raised for a camera without a pose. Finding people in images needs no poses.
         """
         if calibrated:
             self.check_calibrated()
@@ -400,9 +415,9 @@ class Recording:
         return Setup(mounts, self.ground, starts, 1 / self.rate, area=area, height=self.height, occluders=self.occluders, pillars=self.pillars)
 
     def sequence(self, images: bool = False, calibrated: bool = True) -> Sequence:
-        """The recording as the tracker takes it.
+        """The recording as the input of the tracker.
 
-        images: with the images of all cameras that have some. Cameras on robots always have theirs, as SLAM needs them.
+        images: whether all images are included. Those of cameras on robots always are, because SLAM needs them.
         calibrated: as in setup. Raises ValueError where images are asked for and there are none.
         """
         setup = self.setup(calibrated)
@@ -417,7 +432,7 @@ class Recording:
 
     @cached_property
     def _empty_views(self) -> dict[str, View]:
-        """Frames without boxes share their views, as there may be many."""
+        """Camera → the view that all frames without boxes share, because there may be many."""
         nobody = NO_ROBOT if self.robot_detections else None
         return {name: View(name, NOBODY, robot_detections=nobody) for name in self.cameras}
 
@@ -429,7 +444,7 @@ class Recording:
         for name, index in planned.frames.items():
             camera = self.cameras[name]
             if camera.robot is None and name not in self.detections:
-                continue  # an empty view would say that the camera sees nobody
+                continue  # an empty view would mean that the camera sees nobody
             if camera.robot is None and index not in self.searched.get(name, (index,)):
                 continue
             found = self.detections.get(name, {}).get(index)
@@ -465,8 +480,12 @@ class Recording:
         return tuple(out)
 
 
+def _cut_stamps(stamps: Mapping[int, float], span: tuple[int, int], begin: float) -> dict[int, float]:
+    return {f - span[0]: time - begin for f, time in stamps.items() if span[0] <= f < span[1]} or {0: -LONGEST}
+
+
 def _of_robots(seen: Mapping[int, RobotDetections], robots: Collection[str | None]) -> dict[int, RobotDetections]:
-    """The detections of some robots alone."""
+    """The detections of the given robots only."""
     return {frame: of_frame.choose([name for name in of_frame.robot if name in robots]) for frame, of_frame in seen.items()}
 
 

@@ -78,12 +78,12 @@ def setup_from(calibration: Mapping[str, Any], ground: Ground, occluders: Ground
 
 
 def own_body_entry(own_body: Mask | None) -> dict[str, list[str]]:
-    """The field "own_body" of a camera, as Mount has it: rows of 0 and 1 over all directions, as in a panorama. Empty for None."""
+    """The field "own_body" of a camera, from that of Mount: rows of 0 and 1 over all directions, as in a panorama. Empty for None."""
     return {} if own_body is None else {"own_body": ["".join("01"[cell] for cell in row) for row in own_body.astype(int)]}
 
 
 def own_body_from(entry: Mapping[str, Any], where: str) -> Mask | None:
-    """Where a camera sees its own robot, or None. Raises ValueError that begins with `where` for what are no rows of 0 and 1 of one length."""
+    """Where a camera sees its own robot, or None. Raises ValueError that begins with `where` for other values than rows of 0 and 1 of one length."""
     rows = entry.get("own_body")
     if rows is None:
         return None

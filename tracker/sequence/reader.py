@@ -35,7 +35,7 @@ def read_sequence(folder: Path) -> Sequence:
     """
     files = read_manifest(folder)["files"]
     for name, entry in files.items():
-        # Images are many: each is checked when it is read.
+        # Each of the many images is checked only when it is read.
         check_file(folder, name, entry, sums=Path(name).parts[0] not in LAYERS)
     return read_contents(folder, files)
 
@@ -145,7 +145,7 @@ class _DiskTicks:
 def image_bytes(folder: Path, stem: str, files: dict[str, Any]) -> tuple[bytes, Path]:
     """The bytes and the path of an image by its name without suffix. files: of the manifest.
 
-    Raises ValueError with the path where the manifest does not name it, and where its SHA-256 is another.
+    Raises ValueError with the path where the manifest does not name it, and where its SHA-256 differs.
     """
     name = next((stem + ending for ending in (".jpg", ".png") if stem + ending in files), None)
     if name is None:
@@ -169,7 +169,7 @@ def read_detections(path: Path, setup: Setup, frames: range) -> dict[tuple[int, 
 def read_robot_detections(path: Path, setup: Setup, frames: range) -> dict[tuple[int, str], RobotDetections]:
     """Read a table of other robots that are seen: (frame, camera) → detections. Views without detections have no entry.
 
-    frames: those that there are. Raises ValueError with the path for invalid rows, robots without a camera, and robots that detect themselves.
+    frames: the valid indices. Raises ValueError with the path for invalid rows, robots without a camera, and robots that detect themselves.
     """
 
     def detected(camera: str, rows: list[dict[str, Any]]) -> RobotDetections:
@@ -182,7 +182,7 @@ def read_robot_detections(path: Path, setup: Setup, frames: range) -> dict[tuple
 
 
 def _by_view(path: Path, frames: dict[int, list[dict[str, Any]]], detected: Callable[[str, list[dict[str, Any]]], T]) -> dict[tuple[int, str], T]:
-    """(frame, camera) → what `detected` makes of its rows."""
+    """(frame, camera) → the result of `detected` for its rows."""
     found = dict[tuple[int, str], list[dict[str, Any]]]()
     for k, rows in frames.items():
         for row in rows:

@@ -1,4 +1,4 @@
-"""The results of tracking in a folder, as `track` leaves them; writer and reader.
+"""The results of tracking in a folder, as `track` writes them; writer and reader.
 
 tracks.txt holds the targets (MOT15, 3-D), robots.csv the robots, run.json what was tracked and how. With a landmark map there are two more files:
 map.csv holds the landmarks (final is 1 for those in the map after the last tick), and sightings.csv the landmarks that each robot observed.
@@ -27,7 +27,7 @@ SCHEMA = 1
 RUN = "run.json"
 MAX_FRAMES = 1_000_000
 MAX_ENTRIES = 1 << 25
-"""Frames times robots: each takes 16 bytes, whether it has an estimate or not."""
+"""Frames times robots: each entry takes 16 bytes, with or without an estimate."""
 MAP = {"landmark": int, "final": int, "tx": float, "ty": float, "tz": float}
 SIGHTINGS = {"frame": int, "robot": str, "landmark": int}
 ROBOTS = {"frame": int, "robot": str} | dict.fromkeys(POSE, float) | {f"c{i}{j}": float for i, j in UPPER_TRIANGLE}

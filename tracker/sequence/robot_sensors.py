@@ -1,6 +1,6 @@
 """Tables of the robots' own sensors: IMU, wheel encoders and time stamps; rows for the writer, and readers.
 
-schema.SENSORS_README describes them. They are optional: `read_manifest` tells which of them a sequence has.
+schema.SENSORS_README describes them. They are optional: the files in `read_manifest` show which of them a sequence has.
 """
 
 from __future__ import annotations

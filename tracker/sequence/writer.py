@@ -75,11 +75,11 @@ class ImageForm:
         return ["images", "instances", *(["range"] if self.range else []), *(["classes"] if self.classes else [])]
 
     def colour_file(self, name: str) -> tuple[str, list[int]]:
-        """Path of a colour image, and the options of its coding. name: CAMERA/FRAME, as of all files of a view."""
+        """Path of a colour image, and the options of its encoding. name: CAMERA/FRAME, as for all files of a view."""
         return (f"images/{name}.png", PNG) if self.png else (f"images/{name}.jpg", JPEG)
 
     def layer_files(self, camera: str, frame: int, layers: Layers) -> Iterator[tuple[str, NDArray[Any], list[int]]]:
-        """Path, pixels and options of coding of the images of a view beside its colours. Raises ValueError where a layer is missing."""
+        """Path, pixels and options of encoding of the images of a view beside its colour image. Raises ValueError where a layer is missing."""
         name = view_name(camera, frame)
         yield f"instances/{name}.png", layers.instances[camera], PNG_RUN_LENGTH
         for layer, wanted, images in (("range", self.range, layers.range), ("classes", self.classes, layers.classes)):
@@ -125,7 +125,7 @@ class SequenceWriter:
 
     Unfinished files stay after an OSError, for instance of a full disk. The context raises Kept then, which names their place.
     tops: height map of walls and furniture on the grid of the ground. sensors: of the robots, beside cameras and odometry.
-    `images` codes and writes the images, below the temporary folder. `resumed`: whether that folder is taken as it is, with images in it.
+    `images` encodes and writes the images, below the temporary folder. `resumed`: whether that folder is used again, with the images in it.
     `resumable`: whether unfinished files stay after an interrupt, too.
     """
 

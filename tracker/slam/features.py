@@ -23,7 +23,7 @@ class FeatureParameters:
     """Parameters of feature extraction.
 
     limit: features of an image. elevation rad: the band about the horizon of the level image. level_tolerance rad: a smaller tilt is not
-    levelled. contrast: OpenCV's contrastThreshold. columns, rows: cells over which the features are distributed. sigma rad an axis: the error
+    levelled. contrast: OpenCV's contrastThreshold. columns, rows: cells over which the features are distributed. sigma rad per axis: the error
     of a correct match of a patch of reference_size rad. It is in proportion to the patch's diameter, within sigma_range rad. enlarge: factor
     of the boxes of people. pad: pixels of wrap-around. max_size rad: wider patches lie on more than one object.
     """
@@ -42,7 +42,7 @@ class FeatureParameters:
     max_size: float = 0.1
 
     def bearing_sigma(self, size: Array) -> Array:
-        """(n,) rad: the standard deviation an axis of bearings of patches with diameters size (n,) rad.
+        """(n,) rad: the standard deviation per axis of bearings of patches with diameters size (n,) rad.
 
         A wide patch shows more than one surface, and slides farther over them as the view changes.
         """
@@ -54,7 +54,7 @@ class Features:
     """Features of one image.
 
     bearing (n, 3) unit, camera frame. descriptor (n, 128) float32, RootSIFT of length 1. size (n,) rad, the diameter of the patch.
-    response (n,), the local contrast. sigma (n,) rad: the standard deviation of a bearing, an axis.
+    response (n,), the local contrast. sigma (n,) rad: the standard deviation of a bearing per axis.
     """
 
     bearing: Array
@@ -104,8 +104,8 @@ def extract(image: Image, camera: Panorama, up: Array, people: Detections, param
 def _detect(sift: Any, grey: Image, widest: float) -> list[Any]:
     """Keypoints with a diameter of at most `widest` pixels, from the image's own resolution upwards.
 
-    OpenCV doubles its input, and four fifths of the time go into that octave: so it gets the half-size image. On noise textures this takes
-    a quarter of the time, with the same share of correct matches and the same error (0.02 to 0.03° an axis).
+    OpenCV doubles its input, and that octave takes four fifths of the time, so it gets the half-size image. On noise textures this takes
+    a quarter of the time, with the same share of correct matches and the same error (0.02 to 0.03° per axis).
     """
     found = sift.detect(cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), None)
     # The image is level, so every patch gets the orientation "up", which is more distinctive than its own. Duplicates are dropped.

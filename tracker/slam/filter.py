@@ -1,9 +1,9 @@
 """Multi-robot EKF-SLAM in SE(3) from panoramas: one joint covariance of the team and its map.
 
 A tick: prediction by odometry, levelling by gravity, then for each robot data association, update and landmark initialization.
-The state holds a correction factor a robot, and an update has a fixed number of linearisations.
-A robot without odometry goes on as it moved between the last two ticks (constant velocity with white acceleration noise). Bearings alone do not
-tell how long a way is. The scale of the map is then that of the velocity that is assumed at the start.
+The state holds a correction factor per robot, and an update has a fixed number of linearisations.
+A robot without odometry is predicted by its motion between the last two ticks (constant velocity with white acceleration noise). Bearings alone do
+not determine the scale of its map, which is then that of the velocity assumed at the start.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ from tracker.types import Intervals, MapSnapshot, Mount, Odometry, Setup, Sighti
 ACCELERATION = 1.0
 """m/s² and rad/s²: standard deviation of the accelerations between two ticks."""
 AHEAD, SPREAD = 0.3, 0.3
-"""m/s: velocity ahead at the start, and its standard deviation, m/s and rad/s. A robot that stood would not show how far anything is."""
+"""m/s: forward velocity at the start, and its standard deviation, m/s and rad/s. A velocity of zero would leave the scale undefined."""
 FASTEST = 3.0
-"""m/s: a robot that seems to be faster was relocalized, and starts anew."""
+"""m/s: a faster motion is a relocalization, after which the start velocity is assumed again."""
 
 
 class Slam:
@@ -52,12 +52,13 @@ class Slam:
         self._initializers: dict[str, LandmarkInitializer] = {}
         self._cloned: dict[str, int] = {}
         self._odometry: dict[str, Odometry | None] = {}
+        self._gravity: dict[str, Odometry] = {}  # robot → odometry whose "up" no update has used yet
         self._counters: Counter[str] = Counter()
         self._unknown_starts = UnknownStarts(setup, parameters, Slam)
         self._odometry_gap: dict[str, tuple[int, Array]] = {}
         self._without_odometry = {name: ConstantVelocity() for name in setup.starts}
         self._relocalizer = Relocalizer(parameters.relocalization)
-        self._intervals = Intervals(setup.period), {name: Intervals(setup.period) for name in setup.starts}  # of ticks, and of each robot's
+        self._intervals = Intervals(setup.period), {name: Intervals(setup.period) for name in setup.starts}  # of ticks, and per robot
         self._seconds: dict[str, float] = {}  # robot → s between its last two ticks
         self._frame: dict[str, int] = {}  # robot → its last one
         self.sighted: dict[str, Sightings] = {}
@@ -65,7 +66,7 @@ class Slam:
         self._tick = -1
 
     def step(self, tick: Tick) -> None:
-        """Process all views of one tick, whose images are searched before (ImageFeatures.find).
+        """Process all views of one tick. Features of images are found before (ImageFeatures.find).
 
         Raises ValueError for a view of a camera, or of a robot, that the setup does not know.
         """
@@ -186,6 +187,9 @@ class Slam:
             odometry, scale = self._with_error_model(name, odometry)
             variance = odometry.covariance if scale is None else stated
         self._odometry[name] = odometry
+        self._gravity.pop(name, None)
+        if odometry is not None and odometry.gravity is not None:
+            self._gravity[name] = odometry
         if odometry is not None:
             self._joint.predict(self._team[name], odometry.T_before_now, odometry.covariance, scale)
             self._odometry_gap[name] = 0, np.square(odometry.T_before_now.log()) + np.diag(variance)
@@ -200,7 +204,7 @@ class Slam:
             self._counters["constant velocity"] += 1
 
     def _with_error_model(self, name: str, odometry: Odometry) -> tuple[Odometry, Array | None]:
-        """The odometry with the covariance that prediction needs, and what maps the odometry biases to its tangent.
+        """The odometry with its covariance for the prediction, and the map from odometry biases to its tangent, None without biases.
 
         Biases in the state leave the white part of the errors. Otherwise the variances are inflated for the correlation of the errors in time.
         """
@@ -294,7 +298,7 @@ class Slam:
         return np.flatnonzero(free), len(m.landmark)
 
     def _without_parallax(self, name: str, mount: Mount, landmark: Indices, bearing: Array) -> Array:
-        """Bearings (k, 3) of landmarks less the parallax of the camera's way since their rows were exposed."""
+        """Bearings (k, 3) of landmarks without the parallax of the camera's motion since their rows were exposed."""
         odometry = self._odometry.get(name)
         if odometry is None or not (mount.readout or mount.exposure):
             return bearing
@@ -307,8 +311,7 @@ class Slam:
 
         Returns the weights (k,) of the sightings. Raises ValueError if the filter diverges.
         """
-        robot, odometry, others = self._team[name], self._odometry.pop(name, None), self._detected_robots(name, view)
-        up = None if odometry is None or odometry.gravity is None else odometry
+        robot, up, others = self._team[name], self._gravity.pop(name, None), self._detected_robots(name, view)
         k = 0 if seen is None else len(seen[1])
         if up is None and not k and not others:
             return np.ones(0)

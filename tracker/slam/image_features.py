@@ -1,4 +1,4 @@
-"""Features of the images of a tick, found before the filter takes the tick, so that other threads can do it.
+"""Features of the images of a tick, found before the filter processes the tick, so that other threads can do it.
 
 A panorama is levelled by the robot's own "up": its gyroscope, corrected by its accelerometer (a complementary filter with constant gain;
 Mahony, Hamel & Pflimlin 2008). The pose of the SLAM filter is not needed.
@@ -22,7 +22,7 @@ from tracker.types import Mount, Odometry, Setup, Sightings, Tick, View
 GAIN = 0.1
 """Share of the accelerometer's "up" in a tick. Its noise and shaking are averaged over about ten ticks."""
 LARGEST_ERROR = 0.15
-"""rad: beyond this angle between the two, the gyroscope has missed a motion, and the accelerometer counts alone."""
+"""rad: beyond this angle between the two, the gyroscope has missed a motion, and only the accelerometer is used."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ class ImageFeatures:
         Raises ValueError as `extract` does.
         """
         mounts = self._setup.mounts
-        # The tracker refuses a camera that the setup does not have, in its place among the ticks.
+        # For a camera that the setup does not have, the filter raises the error when it processes this tick.
         if any(view.camera not in mounts for view in tick.views):
             return tick
         odometry = {mounts[view.camera].robot: view.odometry for view in tick.views if view.odometry is not None}
@@ -111,7 +111,7 @@ def turned_to_frame(bearings: Array, mount: Mount, T_before_now: Pose, period: f
     if not (mount.readout or mount.exposure) or not len(bearings):
         return bearings
     turn = mount.T_body_camera.rotation.T @ T_before_now.log()[3:]
-    # A point that stands still turns against the camera, here from the row's time to the frame's. The series is exact to the third order.
+    # A static point turns against the camera, here from the row's time to the frame's. The series is exact to the third order.
     w = -(row_delays(bearings, mount) / period)[:, None] * turn
     once = np.cross(w, bearings)
     out = bearings + once + np.cross(w, once) / 2
@@ -119,9 +119,9 @@ def turned_to_frame(bearings: Array, mount: Mount, T_before_now: Pose, period: f
 
 
 def moved_to_frame(bearings: Array, ranges: Array, mount: Mount, T_before_now: Pose, period: float) -> Array:
-    """Bearings (n, 3) of `turned_to_frame` of points that are `ranges` (n,) m away, less the parallax of the camera's way since their rows.
+    """Bearings (n, 3) of `turned_to_frame` of points that are `ranges` (n,) m away, without the parallax of the camera's motion.
 
-    The camera moves evenly: by (v + ω × t) · delay / period in the body, with [v, ω] the logarithm of T_before_now and t its place in the body.
+    The camera moves evenly: by (v + ω × t) · delay / period in the body, with [v, ω] the logarithm of T_before_now and t its position there.
     """
     if not (mount.readout or mount.exposure) or not len(bearings):
         return bearings

@@ -29,7 +29,7 @@ class InitializationParameters:
     min_parallax: rad between two of its bearings. min_sightings: ticks at which it was seen. min_clones: clones that saw it, for features of images.
     epipolar_tolerance: rad from the segment of possible directions. max_distance and ratio: as in data_association.Gate. max_misses: in a row,
     until deletion. probability: gate of the misfit of the bearings. max_relative_sigma: standard deviation of the range over the range.
-    min_range, max_range: m. max_below_ground: m. max_tracks: of a camera. For noisy bearings parallax_sigmas and epipolar_sigmas are lower
+    min_range, max_range: m. max_below_ground: m. max_tracks: per camera. For noisy bearings parallax_sigmas and epipolar_sigmas are lower
     bounds of the parallax and of the tolerance. They are in standard deviations of the difference of two bearings.
 
     One clone and the present pose do not contradict a point that moves along its epipolar line. While robots start, such points have parallax

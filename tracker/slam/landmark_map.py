@@ -1,11 +1,11 @@
-"""The map's records of each landmark beside its mean and covariance: identity, descriptors, sightings and rejections; errors of features that last.
+"""The map's records of each landmark beside its mean and covariance: identity, descriptors, sightings and rejections; and the drift of features.
 
-The errors of the bearings of one feature are alike from frame to frame. The point that it shows slides over the surface while the view changes.
-A filter that takes them for independent is overconfident. Here they are a random walk of the landmark, beside white noise.
+The errors of the bearings of one feature are correlated in time. The point that it shows slides over the surface as the view changes.
+A filter that treats them as independent is overconfident. Here they are a random walk of the landmark, plus white noise.
 
 Several robots may see one landmark at a time from different sides, and so different points of its surface. The landmark is the point that one
-of them sees, its viewer. For the others the difference of the views is noise of their bearings. If the landmark took a step at each change of
-the robot, it would be forgotten from frame to frame.
+of them sees, its viewer. For the others the difference of the views is noise of their bearings. If the landmark took a random step at each change
+of the robot, its information would be lost from frame to frame.
 """
 
 from __future__ import annotations
@@ -119,9 +119,9 @@ class LandmarkMap:
         return np.flatnonzero(lost | (self.rejected[n] >= parameters.max_rejections))
 
     def least_recently_seen(self) -> int:
-        """The landmark that its last robot has not seen for the longest time while it was localized.
+        """The landmark that its last robot has not seen for the longest time, up to the last tick at which that robot was localized.
 
-        Among equals the one with the fewest sightings, then the oldest. Landmarks of a blind or lost robot are kept: it is relocalized by them.
+        Ties go to the landmark with the fewest sightings, then to the oldest. Landmarks of a blind or lost robot are kept: it is relocalized by them.
         """
         n = slice(0, self.count)
         unseen_for = self.last_localized[self.last_robot[n]] - self.last_seen[n]
@@ -174,10 +174,10 @@ def spread_over_azimuth(bearing_azimuth: Array, priority: Array, limit: int) -> 
 class DriftModel:
     """The parameters of the errors of features, as shares of their stated variance.
 
-    white_share: the variance of the white noise of an update. rate: the variance of the drift, an axis, for each radian of change of the view.
-    A change is the angle at the landmark between two views, and the logarithm of the ratio of their distances.
+    white_share: the variance of the white noise of an update. rate: the variance of the drift, per axis and radian of change of the view.
+    A change combines the angle at the landmark between two views and the logarithm of the ratio of their distances (view_change).
     repetition: factor of the drift between the viewer's view and that of another robot, which is noise of the other robot's bearings. It is more
-    than 1 because this error lasts over several sightings. patience: ticks without a sighting by the viewer, after which another robot becomes it.
+    than 1 because this error is common to several sightings. patience: ticks without a sighting by the viewer, after which another robot becomes it.
     """
 
     white_share: float = 0.5

@@ -17,14 +17,14 @@ class SlamParameters:
     """Parameters of the filter.
 
     mode: iekf, the iterated filter (with one iteration the plain one), or fej (ekf.state.JointState). iterations: linearisations of an update.
-    correction: estimate a correction factor a robot. correction_sigma rad: its initial deviation about x, y, z. correction_walk: its random walk,
-    rad an axis a square root of a second. gravity_correlation_time and rotation_correlation_time s: correlation times of errors of "up" and of
+    correction: estimate a correction factor per robot. correction_sigma rad: its initial deviation about x, y, z. correction_walk: its random walk,
+    rad/√s per axis. gravity_correlation_time and rotation_correlation_time s: correlation times of errors of "up" and of
     the odometry's rotation, for which the variances are inflated. odometry_biases: estimate these errors as states, without
-    rotation_correlation_time (None: do not). feature_drift: lasting errors of features of images (None: all are white). robust: standard
+    rotation_correlation_time (None: do not). feature_drift: correlated errors of features of images (None: all are white). robust: standard
     deviations of a residual beyond which it loses weight.
 
-    max_updates: landmarks a camera updates at once. max_new_landmarks: of a camera a tick. capacity: landmarks in the map. clones: earlier poses
-    kept a robot, one every `clone_spacing` m. robot_radius m: sightings so near to another robot's centre are no landmarks, unless named.
+    max_updates: landmarks in one update by a camera. max_new_landmarks: per camera and tick. capacity: landmarks in the map. clones: earlier poses
+    kept per robot, one every `clone_spacing` m. robot_radius m: unnamed sightings within this distance of another robot's centre are ignored.
     recent_ticks, inflation_sigma (m, rad): a robot's pose covariance is inflated if most landmarks seen in the last ticks are rejected, or
     most robots.
     """
@@ -59,6 +59,8 @@ class SlamParameters:
         for name in ("iterations", "clones", "capacity", "max_updates"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} is {getattr(self, name)}, needs at least 1")
+        if self.capacity < (new := min(self.max_new_landmarks, self.max_updates)):
+            raise ValueError(f"capacity is {self.capacity}, needs at least the {new} new landmarks of a tick (max_new_landmarks)")
 
     def with_odometry_biases(self) -> SlamParameters:
         """With odometry biases as states and drift of image features, with which NEES is near one.

@@ -1,7 +1,7 @@
-"""Resection of a levelled panorama: yaw and position from directions to landmarks, with wrong matches among them.
+"""Resection of a levelled panorama: yaw and position from directions to landmarks, robust to wrong matches.
 
 Gravity gives the vertical, so that four unknowns are left. The azimuths of three landmarks give yaw and position in the plane by a linear
-system. In it each horizontal direction, rotated by the yaw, is parallel to the vector to the landmark. Their elevations give the height. All triplets
+system. Each horizontal direction, rotated by the yaw, is parallel to the vector to the landmark. Their elevations give the height. All triplets
 of the most similar pairs are tried, as RANSAC does at random, and the best consensus is refined by least squares.
 """
 
@@ -20,11 +20,11 @@ class RelocalizationParameters:
     """Parameters of resection and relocalization.
 
     max_distance, ratio: of descriptors, as in data_association.Gate. max_pairs: the most similar pairs that are used; triplet_pairs: those of
-    which all triplets are tried. tolerance rad: error of a correct pair beside the landmark's own. min_inliers: of random pairs 3 to 5
-    agree; min_inliers_unknown_start: the same for a robot that has not been in the team; min_inlier_share: of all. max_sigma m, rad: largest
+    which all triplets are tried. tolerance rad: error of a correct pair beside the landmark's own. min_inliers: random pairs have 3
+    to 5; min_inliers_unknown_start: the same for a robot that has not been in the team; min_inlier_share: of all. max_sigma m, rad: largest
     standard deviations.
 
-    A robot may be lost if it matches less than match_share of its usual number. It is lost with at most max_matches_lost, for up to
+    A robot may be lost if it matches less than match_share of its usual number. It is lost with at most max_matches_lost matches, for up to
     timeout s. pose_sigma m, rad: standard deviations of the found pose before an update by its inliers. archive_pose_sigma m, rad: the same
     where these are not in the map. archive_size: landmarks.
     """
@@ -64,7 +64,7 @@ class Resection:
 
 
 def resect(direction: Array, point: Array, sigma: Array, parameters: RelocalizationParameters) -> Resection | str:
-    """The camera's pose from unit directions (k, 3), level up to a yaw, and landmarks at points (k, 3) m, or the reason of failure.
+    """The camera's pose from unit directions (k, 3) in a levelled frame and landmarks at points (k, 3) m, or the reason of failure.
 
     sigma (k,) m: standard deviations of the landmarks. The most similar pair comes first.
     """

@@ -17,9 +17,9 @@ from tracker.slam.relocalization import KnownLandmarks, RelocalizedPose, SlamSta
 from tracker.types import Setup, Sightings, Start, Tick
 
 LEVEL_SIGMA = 0.3
-"""rad: roll and pitch before the first measured "up", which the filter then uses as any other measurement."""
+"""rad: standard deviation of roll and pitch before the first measured "up", which the filter then uses as any other measurement."""
 FRAME_SIGMA = 1e-4
-"""m and rad: position and heading are exact by the definition of the frame."""
+"""m and rad: standard deviation of position and heading, which are exact by the definition of the frame."""
 
 
 class SingleRobotFilter(Protocol):

@@ -1,9 +1,9 @@
 """Registration bias: the constant offset of each view on the ground, estimated while tracking.
 
-It comes from errors of the calibration, or from a tilt that a robot does not know. A bias is its value at the middle of the ground and, for fixed
-cameras, its slope. On PETS 2009 the places of two views differ by 0.3 m at one spot and by 0.8 m ten metres farther. The innovations of confirmed
+It comes from errors of the calibration, or from an unknown tilt of a robot. A bias has a value at the middle of the area and, for fixed
+cameras, a slope. On PETS 2009 the places of two views differ by 0.3 m at one spot and by 0.8 m ten metres farther. The innovations of confirmed
 tracks are its measurements (sensor registration: Bar-Shalom et al. 2011, Tracking and data fusion). Biases are observable relative to each other
-only, so that the first view may have a tight prior.
+only, so the first view has a tight prior.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from tracker.geometry.compilation import njit
 from tracker.types import Setup
 
 SLOPE, SLOPE_FIRST = 0.03, 0.005
-"""m a metre, standard deviation of the slope of a bias over the ground, for fixed cameras; and of the first view's slope."""
+"""m/m, standard deviation of the slope of a bias over the ground, for fixed cameras; and of the first view's slope."""
 
 CORRELATION = 30.0
 """Innovations that count as one independent measurement, as they are correlated over time."""
@@ -75,7 +75,7 @@ def _updated(estimate: tuple[Array, Array], place: Array, innovations: tuple[Arr
         if np.isfinite(residual).all():
             J[0, 2:4] = J[1, 4:6] = place[k]
             full = H @ J
-            # The estimated bias is subtracted in the residual already.
+            # All residuals have the bias of the last tick subtracted already.
             K = np.linalg.solve(full @ P @ full.T + correlation * S, full @ P).T.copy()
             x, P = x + K @ residual, P - K @ full @ P
     return x, P

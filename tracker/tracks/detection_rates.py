@@ -1,17 +1,17 @@
 """Detection rate and clutter rate of each view, estimated while tracking.
 
-Both are counted by classes of confidence. So the less confident boxes of a good detector count in full, and a confident detector with many false
-boxes counts little. Counts fade exponentially and start from prior counts, which are the same for all views.
+Both rates are counted by classes of confidence. So the less confident boxes of a good detector have full weight, and the confident boxes of a
+detector with many false boxes have little. Counts fade exponentially and start from prior counts, which are the same for all views.
 
-A confidence is a probability as given, or it is learned what it says, so that no detector's scale matters (`ConfidenceCalibration`). The odds of a
-box to be of a person grow with its confidence. They are the isotonic regression of the last boxes, each counted as of a person or false (pool
+A confidence is taken as a probability, or its meaning is learned, so that the scale of a detector does not matter (`ConfidenceCalibration`). The
+odds that a box shows a person grow with its confidence. They are the isotonic regression of the last boxes, each counted as true or false (pool
 adjacent violators: Barlow et al. 1972, Statistical inference under order restrictions). Only the order of confidences is used. So any increasing
 transform of all of them gives the same odds.
 
-Detection rates of partly visible people are counted by the share of the body that is covered, and by whether objects or people cover it.
+Detection rates of partly visible people are counted without fading, by the covered share of the body and by whether objects or people cover it.
 
-False boxes that stay are those of furniture, or of pictures of people. For each view a map of the ground says where boxes keep appearing that nobody
-takes (`StandingClutter`). Its counts fade in time, and fast where a person stands whom several views see.
+Furniture and pictures of people cause persistent false boxes. For each view, a map of the ground counts likely false boxes (`StandingClutter`).
+Its counts fade over time, and fast where several views see a person.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ COVER_MIDDLES = np.array([0.0, 0.12, 0.3, 0.5, 0.7, 0.9])
 RELATIVE_RATES = np.array([(0.85, 0.6, 0.3, 0.15, 0.05), (0.7, 0.5, 0.4, 0.3, 0.2)])
 """Prior relative detection rates of people behind objects, and of people behind people, by classes of cover."""
 WEIGHT_COVERED = 40.0
-"""People for which each of these rates counts."""
+"""Number of people for which each of these prior rates counts."""
 TOP_SHARE = 0.6
 """Share of the prior counts in the highest class of confidences that are probabilities."""
 MIN_DETECTION = 0.2
@@ -46,11 +46,11 @@ WATCHED = 15.0
 class DetectionRateParameters:
     """Prior counts, memory and bounds."""
 
-    learned: bool = True  # whether it is learned what a confidence says; else it is a probability
+    learned: bool = True  # whether the meaning of confidences is learned; else they are probabilities
     detection: float = 0.9  # prior detection rate of people in full view
-    weight: float = 30.0  # people for which that rate counts
-    false: float = 1e-3  # prior density of false boxes, a square metre of ground and tick
-    weight_false: float = 100.0  # ticks for which that density counts
+    weight: float = 30.0  # number of people for which that rate counts
+    false: float = 1e-3  # prior density of false boxes, per square metre of ground and tick
+    weight_false: float = 100.0  # number of ticks for which that density counts
     memory: float = 150.0  # ticks, time constant with which counts fade
     log_ratios: tuple[float, float] = (1.0, 8.5)  # prior of log_ratio in the lowest and the highest class of confidence
     max_detection: float = 0.9  # greatest detection rate
@@ -58,7 +58,7 @@ class DetectionRateParameters:
 
 @dataclass(eq=False)
 class _Counts:
-    """Counts of a view: found and false (levels,) boxes by classes of confidence, expected people, and ticks, all faded; ticks without fading."""
+    """Counts of a view: found and false (levels,) boxes by classes of confidence, expected people and ticks, all faded; steps: ticks not faded."""
 
     found: Array
     expected: float
@@ -73,11 +73,11 @@ class DetectionRates:
     def __init__(self, parameters: DetectionRateParameters, ground_area: float) -> None:
         self.parameters, self.ground_area = parameters, ground_area
         self._counts: dict[str, _Counts] = {}
-        self._calibration: dict[str, ConfidenceCalibration] = {}  # of each camera, where it is learned what confidences say
+        self._calibration: dict[str, ConfidenceCalibration] = {}  # of each camera, where the meaning of confidences is learned
         self._covered: dict[tuple[str, int], tuple[Array, Array]] = {}  # camera, cover by objects (0) or people (1) → found and expected (classes,)
 
     def observe(self, camera: str, confidence: Array) -> None:
-        """Remember the confidences (n,) of a tick where they are learned. Call it before they are judged."""
+        """Remember the confidences (n,) of a tick, where they are learned; call it before `rank` and `log_ratio` of that tick."""
         if self.parameters.learned:
             self._calibrated(camera).observe(confidence)
 
@@ -104,17 +104,17 @@ class DetectionRates:
         return float(np.clip(c.found.sum() / c.expected, MIN_DETECTION, self.parameters.max_detection))
 
     def false_density(self, camera: str) -> float:
-        """Density of false boxes of all confidences, a square metre and tick."""
+        """Density of false boxes of all confidences, per square metre and tick."""
         c = self._of(camera)
         return float(c.false.sum() / (c.ticks * self.ground_area))
 
     def log_ratio(self, camera: str, confidence: Array) -> Array:
-        """log (n,) of the rate of boxes of people over the density of false boxes a square metre, for boxes of such confidence (n,)."""
+        """log (n,) of the rate of boxes of people over the density of false boxes per square metre, for boxes of these confidences (n,)."""
         c, q = self._of(camera), self.parameters
         scale = self.detection(camera) / c.found.sum() * c.ticks * self.ground_area
         if not q.learned:
             return np.asarray(np.log(scale * (c.found / c.false)[np.searchsorted(LEVELS, confidence, side="right")]))
-        # The prior fades as the counts that it is a part of.
+        # The prior is part of the counts, and fades with them.
         rising = (np.arange(RANKS) + 0.5) * 2 / RANKS**2 * q.detection
         false = rising * q.weight_false * self.ground_area * np.exp(-np.linspace(*q.log_ratios, RANKS))
         faded = np.exp(-(c.steps / q.memory))
@@ -126,7 +126,7 @@ class DetectionRates:
         for by, prior in enumerate(RELATIVE_RATES):
             found, expected = self._covered.get((camera, by), (0.0, 0.0))
             share = (found + detection * WEIGHT_COVERED * prior) / (detection * (expected + WEIGHT_COVERED))
-            # Rates must not increase with the covered share, which small counts may suggest.
+            # Rates must not increase with the covered share, although small counts may suggest it.
             out *= np.interp(cover[:, by], COVER_MIDDLES, np.minimum.accumulate(np.append(1.0, share)))
         return out
 
@@ -162,15 +162,15 @@ class DetectionRates:
 RANKS = 8
 """Number of ranks at which prior odds are given."""
 REMEMBERED = 1500
-"""Boxes of a view that are remembered, at most."""
+"""Greatest number of boxes of a view that are remembered."""
 PRIOR_RANKS = 20
-"""Boxes that a rank in the middle counts for, while few boxes were seen."""
+"""Number of virtual boxes by which ranks are shrunk to the middle, while few boxes were seen."""
 LEAST_COUNT = 1e-3
-"""Least count of either kind in a pool, which keeps odds finite."""
+"""Least count of true or false boxes in a pool, which keeps odds finite."""
 
 
 class ConfidenceCalibration:
-    """The boxes of one view. `memory`: ticks, time constant with which they fade."""
+    """Odds that boxes of one view show people, by confidence. `memory`: ticks, time constant with which counts fade."""
 
     def __init__(self, memory: float) -> None:
         self._fade = np.exp(-1 / memory)
@@ -190,7 +190,7 @@ class ConfidenceCalibration:
         return np.asarray((left + right) / (2 * max(len(self._ranked), 1)))
 
     def learn(self, found: Array, false: Array, weight: Array) -> None:
-        """Count the boxes of a tick: confidences of people's boxes (f,) and of others (n,), which are false with probability `weight` (n,)."""
+        """Count the boxes of a tick: confidences of people's boxes (f,), and of other boxes (n,), which are false with probability `weight` (n,)."""
         new = np.concatenate([found, false])
         keep = np.argsort(self._age, kind="stable")[: REMEMBERED - min(len(new), REMEMBERED)]
         confidence = np.concatenate([self._confidence[keep], new])
@@ -201,12 +201,12 @@ class ConfidenceCalibration:
         self._age = np.concatenate([self._age[keep] + 1, np.zeros(len(new))])[order]
 
     def odds(self, confidence: Array, found: Array, false: Array) -> Array:
-        """Odds (n,) that boxes of such confidence (n,) are of people. found, false (RANKS,): prior counts, from the lowest to the highest rank."""
+        """Odds (n,) that boxes of these confidences (n,) show people. found, false (RANKS,): prior counts, from the lowest to the highest rank."""
         if not len(confidence):
             return np.zeros(0)
         # Before the first tick no box is ranked, and all have the middle rank.
         ranked = self._ranked if len(self._ranked) else np.zeros(1)
-        # A prior count lies at a quantile of the boxes seen, drawn to the middle of the ranks where few were.
+        # Prior counts lie at quantiles of the boxes seen; where few were seen, these have ranks near the middle.
         rank = (np.arange(RANKS) + 0.5) / RANKS
         n = len(ranked)
         at = np.clip(np.round(rank * (n + PRIOR_RANKS) - PRIOR_RANKS / 2), -1, n).astype(np.int64)
@@ -218,14 +218,14 @@ class ConfidenceCalibration:
         good = np.add.reduceat(np.concatenate([self._found, found])[order], first)
         bad = np.add.reduceat(np.concatenate([self._false, false])[order], first)
         fitted = _isotonic(good, bad)
-        # Between two values the mean of their logarithms holds.
+        # Between two values, the odds are their geometric mean.
         below = np.clip(np.searchsorted(values, confidence, side="right") - 1, 0, None)
         above = np.clip(np.searchsorted(values, confidence, side="left"), None, len(values) - 1)
         return np.asarray(np.sqrt(fitted[below] * fitted[above]))
 
 
 def _isotonic(good: Array, bad: Array) -> Array:
-    """Odds (k,) of good over bad counts that do not fall; neighbours that would are pooled."""
+    """Non-decreasing odds (k,) of good over bad counts; neighbours that would decrease are pooled."""
     total = np.maximum(good + bad, LEAST_COUNT**2)
     first = isotonic_regression(good / total, weights=total).blocks[:-1]
     odds = (np.add.reduceat(good, first) + LEAST_COUNT) / (np.add.reduceat(bad, first) + LEAST_COUNT)
@@ -235,19 +235,19 @@ def _isotonic(good: Array, bad: Array) -> Array:
 CELL = 0.5
 """m: edge of a cell of the map."""
 AROUND = np.array([(dx, dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1)])
-"""Cells over which a place is looked up: errors of feet are about as large as a cell."""
+"""Offsets of the cells that are summed around a place: errors of feet are about as large as a cell."""
 LEAST_IN_CELL = 0.05
 """Counts below which a cell is forgotten."""
 SURELY_FALSE = 0.5
-"""Probability to be false from which a box counts."""
+"""Probability of being false above which a box is counted."""
 
 
 CLUTTER_MEMORY, UNKNOWN = 60.0, 30.0
-"""Ticks: time constant with which counts fade, and without a false box for which an unknown place counts."""
+"""Ticks: time constant with which counts fade; prior number of ticks without a false box at any place."""
 CHANCE = 1.0
-"""Boxes about a place that say nothing, as people are missed and false boxes come anew."""
+"""Number of boxes around a place that is no evidence: people are missed, and false boxes occur at random."""
 SEEN_AGAIN = 0.8
-"""Factor of the counts in a tick in which a person stands there whom several views see."""
+"""Factor of the counts around a person whom several views see, per person and tick."""
 
 
 class StandingClutter:
@@ -257,7 +257,7 @@ class StandingClutter:
         self._maps: dict[str, tuple[Ints, Array]] = {}
 
     def density(self, feet: GroundDetections) -> Array:
-        """Density (n,) of false boxes that stay, a square metre and tick, at the boxes of a view."""
+        """Density (n,) of persistent false boxes, per square metre and tick, at the boxes of a view."""
         out = np.zeros(len(feet))
         if feet.camera in self._maps:
             row, known = self._rows(feet.camera, feet.point[feet.grounded, :2])
@@ -265,7 +265,7 @@ class StandingClutter:
         return np.maximum(out - CHANCE, 0.0) / (len(AROUND) * CELL**2 * (CLUTTER_MEMORY + UNKNOWN))
 
     def learn(self, feet: GroundDetections, false: Array, sure: Array) -> None:
-        """Count a tick of a view. false (n,): probability of each box to be false. sure (m, 2) m: places of people whom several views see."""
+        """Count a tick of a view. false (n,): probability that each box is false. sure (m, 2) m: places of people whom several views see."""
         key, count = self._maps.get(feet.camera, (np.zeros(0, dtype=np.int64), np.zeros(0)))
         count = np.exp(-1 / CLUTTER_MEMORY) * count
         kept, rows = count >= LEAST_IN_CELL, feet.grounded & (false > SURELY_FALSE)

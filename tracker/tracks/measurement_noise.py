@@ -18,12 +18,12 @@ BOUNDS = -10.0, 30.0
 """Bounds of the ratio of variances that one innovation gives."""
 
 WEIGHT, MAX_RATIO = 30.0, 10.0
-"""Innovations for which the assumed variance counts, and the greatest ratio to it."""
+"""Number of innovations for which the assumed variance counts, and the greatest ratio to it."""
 
 
 @dataclass(frozen=True)
 class MeasurementNoiseParameters:
-    """How far the estimate is trusted."""
+    """Weight of the estimate."""
 
     excess: float = 2.0  # factor of the estimated excess, as errors of boxes are correlated over time; 0 switches the estimation off
 

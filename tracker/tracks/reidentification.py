@@ -1,4 +1,4 @@
-"""Re-identification: a new track is a person who was lost where that is likelier than a new person.
+"""Re-identification: a new track continues a lost person where that is likelier than a new person.
 
 A person who comes out from behind a wall after some seconds starts a new track, as the old one is deleted by then. Place, time and stature give the
 likelihood that both are one person: the velocity decays while a person is lost, and the place diffuses.
@@ -18,16 +18,16 @@ from tracker.tracks.tracks import Tracks, coasting_time
 from tracker.types.ticks import ROUNDING
 
 LOST_MISSES = 2.5
-"""Revisits without a box after which a track may be lost, its person being tracked anew."""
+"""Revisits without a box after which a track counts as lost, so that a new track may continue it."""
 
 STATURE_DRIFT = 0.02
 """m, standard deviation of the change of an apparent stature while a person is lost."""
 
 RETURN_RATE = 0.2
-"""Probability that a lost person reappears at a tick and is tracked again."""
+"""Probability, per revisit, that a lost person reappears and is tracked again."""
 
 DIFFUSION = 0.6
-"""m²/s, growth of the variance of a lost person's place, an axis."""
+"""m²/s, growth of the variance of a lost person's place, per axis."""
 
 MAX_STATURE_RATIO = 4.0
 """Greatest log-likelihood ratio of statures, by absolute value."""
@@ -40,7 +40,7 @@ class Appearance(NamedTuple):
     boxes: Array
 
     def of(self, row: int) -> Appearance:
-        """That of one of several tracks."""
+        """The appearance of one of several tracks."""
         return Appearance(self.mean[row], self.boxes[row])
 
 
@@ -52,7 +52,7 @@ class ReidentificationParameters:
 
 
 class NewTargetModel(NamedTuple):
-    """New people: arrival_rate a square metre and tick; mean and standard deviation of their stature, m."""
+    """New people: arrival_rate per square metre and revisit; mean and standard deviation of their stature, m."""
 
     arrival_rate: float
     stature: float
@@ -70,7 +70,7 @@ class _LastDetection:
 
 
 class Reidentification:
-    """Which tracks are one person. `first_tree`: tree → the first tree of the same person, for trees that are not the first themselves."""
+    """Which tracks are of one person. `first_tree`: tree → the first tree of the same person, for trees that are not the first themselves."""
 
     def __init__(
         self,
@@ -86,10 +86,10 @@ class Reidentification:
         self._time = 0.0
 
     def step(self, time: float, tracks: Tracks, held: tuple[Mask, Mask], left: set[int], looks: Appearance) -> set[int]:
-        """Take a tick at `time` s; the trees that are re-identified as another one and should be deleted.
+        """Process a tick at `time` s. Returns the lost trees that new trees continue, which should be deleted.
 
-        held: which (t,) are confirmed, and which are so for the first time; left: trees of people outside all views, which are never
-        re-identified. looks: appearance of the tracks.
+        held: which (t,) are confirmed, and which for the first time; left: trees of people outside all views, which are never
+        re-identified. looks: appearances of the tracks.
         """
         self._time, (confirmed, fresh) = time, held
         for tree in left:
@@ -98,7 +98,7 @@ class Reidentification:
         self._seen = {tree: last for tree, last in self._seen.items() if last.time >= oldest}
         here = set(tracks.tree[tracks.misses < LOST_MISSES].tolist())
         lost, new = [tree for tree in self._seen if tree not in here], np.flatnonzero(fresh)
-        # An unpaired new track is a new person, and an unpaired lost one stays lost: ratio 0.
+        # An unpaired new track is a new person, and an unpaired lost track stays lost: ratio 0.
         ratio = np.array([[self._ratio(self._seen[tree], tracks, k, looks) for tree in lost] for k in new.tolist()]).reshape(len(new), len(lost))
         rows, columns = linear_sum_assignment(np.maximum(ratio, 0.0), maximize=True)
         ended = set()
@@ -137,7 +137,7 @@ class Reidentification:
         return float(np.clip(same - other, -MAX_STATURE_RATIO, MAX_STATURE_RATIO))
 
     def relabelled(self, people: Tracks) -> Tracks:
-        """The tracks with the first tree of each person; of two tracks of one person the later one."""
+        """The tracks with the first tree of each person; of two tracks of one person, only the later is kept."""
         first = np.array([self.first_tree.get(tree, tree) for tree in people.tree.tolist()], dtype=np.int64)
         later = (first[:, None] == first) & (people.tree[:, None] < people.tree)
         kept = ~later.any(axis=1)

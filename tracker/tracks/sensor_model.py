@@ -22,13 +22,13 @@ from tracker.tracks.tracks import Tracks
 from tracker.types import Setup
 
 INITIAL_DENSITY = 2e-2
-"""People in the first tick, a square metre."""
+"""Density of people at the first tick, per square metre."""
 
 
 class TickOutcome(NamedTuple):
-    """What a tick tells of the sensors: the V views, and for t people of the global hypothesis what the views showed of them.
+    """Data of a tick from which the sensor model learns: the V views, and the boxes of t people of the global hypothesis.
 
-    doubt: factor (d,), for the boxes of each view, of the probability that a box that nobody takes is false.
+    doubt: factors (d,), for each view, of the probability that an unassigned box is false.
     box (t, V): the box of each track in each view, −1 for none. expected (t, V): relative detection rates. cover (t, V, 2): shares covered by
     objects and by people. confirmed (t,); existence (t,): log-odds that there is a person; place (t, 2) m with covariance spread (t, 2, 2) m².
     """
@@ -64,7 +64,7 @@ class SensorModel:
         return Bodies(place, tree, front, self.setup, self.detection_rates.relative_detection)
 
     def observe(self, views: list[GroundDetections]) -> None:
-        """Take the boxes of a tick, among which confidences are ranked."""
+        """Remember the confidences of a tick, among which boxes are ranked."""
         for feet in views:
             self.detection_rates.observe(feet.camera, feet.confidence)
 
@@ -73,7 +73,7 @@ class SensorModel:
         return np.asarray(np.log(1 - self.detection(camera) * expected))
 
     def log_ratio(self, feet: GroundDetections) -> Array:
-        """log (d,) of the rate of boxes of people over the density of false boxes, a square metre of ground."""
+        """log (d,) of the rate of boxes of people over the density of false boxes, per square metre of ground."""
         ratio = self.detection_rates.log_ratio(feet.camera, feet.confidence)
         if not self.parameters.standing_clutter:
             return ratio
@@ -91,7 +91,7 @@ class SensorModel:
         return float((self.parameters.joint_misses * np.log(1 - detection)).min(initial=0.0))
 
     def corrected(self, feet: GroundDetections) -> GroundDetections:
-        """The detections with ground points corrected for the registration bias, and spread by how far people may walk until the tick."""
+        """The detections with ground points corrected for the registration bias, and spreads that include how far people walk until the tick."""
         point = feet.point.copy()
         point[:, :2] -= self.registration_bias.at(feet.camera, point[:, :2])
         walked = feet.later * self.parameters.motion.start_speed
@@ -106,7 +106,7 @@ class SensorModel:
             false = now.doubt[v].copy()
             false[now.box[mine, v]] = 1 / (1 + np.exp(np.clip(now.existence[mine], -20, 20)))
             false[now.box[confirmed & mine, v]] = 0
-            # With one view, boxes that nobody takes are often of people whose tracks start late.
+            # With one view, unassigned boxes often show people whose tracks start late.
             if len(now.views) > 1:
                 self.standing_clutter.learn(feet, false, now.place[several])
             self._learn_rates(now, v, false)
@@ -119,9 +119,9 @@ class SensorModel:
         watched = np.linalg.norm(place - feet.origin[:2], axis=1) < WATCHED
         inside = watched if self.setup.area is None else self.setup.contains(place)
         low, high = self.setup.height
-        # A box that may start nobody is often of a person whose feet are hidden, and no evidence of false boxes.
+        # A box that may not initiate a track often shows a person with hidden feet, and is no evidence of false boxes.
         other = inside & may_initiate(feet) & (feet.height > low) & (feet.height < high)
-        # Learned confidences: no false box is counted outside the area, where tracks of false boxes would confirm themselves.
+        # If confidences are learned, only people in the area count: false boxes are counted there alone, and their tracks would confirm themselves.
         known, mine = visible & (self.setup.contains(now.place) | (not learned)), now.box[:, v] >= 0
         found, others = now.box[known & mine, v], np.flatnonzero(other)
         if learned:
@@ -131,9 +131,9 @@ class SensorModel:
         self.detection_rates.learn(feet.camera, feet.confidence[found], float(known.sum()), feet.confidence[others], false[others])
 
     def _not_taken(self, feet: GroundDetections, free: Ints, place: Array, spread: Array) -> Ints:
-        """Those of the boxes `free` that are likely of people at places (k, 2) m, covariance (k, 2, 2) m², who have taken none: at most one each.
+        """Boxes among `free` that likely show people without a box, at places (k, 2) m with covariance (k, 2, 2) m²: at most one per person.
 
-        A class of boxes that nobody may take would confirm itself otherwise, as all its boxes would count as false.
+        Otherwise a class of confidence whose boxes no track takes would confirm itself, as all its boxes would count as false.
         """
         apart = self.corrected(feet).point[free, None, :2] - place
         S = feet.spread[free, None] + spread + self.parameters.motion.foot_spread**2 * np.eye(2)
@@ -143,7 +143,7 @@ class SensorModel:
         return free[box[within[box, person] > 0]]
 
     def arrival_rate(self, elapsed: float, revisits: float) -> float:
-        """New people a square metre at a tick `elapsed` s after the first, and so many revisits after the last."""
+        """New people per square metre at a tick `elapsed` s after the first tick and `revisits` revisits after the last one."""
         q = self.parameters
         return float(q.arrival_rate * revisits + INITIAL_DENSITY * np.exp(-elapsed / 0.3))
 

@@ -1,13 +1,13 @@
-"""Which tracks are of things that the detector takes for people: furniture, posts, pictures. Several views find them, again and again.
+"""Which tracks are of things that look like people: furniture, posts, pictures. Several views detect them again and again.
 
-A track is of a person or of a thing. Three figures of a track tell the log-odds of a thing:
+A track is of a person or of a thing. Three features of a track give the log-odds of a thing:
 
 * the mean rank of the confidences of its boxes among all boxes of their views, which is lower for things;
 * its detections over the expected ones, which are fewer for things;
-* whether it has moved, and else for how long it has stood.
+* whether it has moved; if not, how long it has stood.
 
-The first two count by how much they are below what is usual for people. The log-odds are linear in them, with slopes by logistic regression on the
-population of `pilsim tune`. The share of things among tracks and what is usual are estimated with the odds at each tick. This is expectation and
+The first two enter as differences below their usual values for people. The log-odds are linear in them, with slopes by logistic regression on the
+population of `pilsim tune`. The share of things among tracks and the usual values are estimated with the odds at each tick, by expectation
 maximization (Dempster et al. 1977).
 """
 
@@ -21,21 +21,21 @@ from scipy.special import expit, logit
 from tracker.geometry import Array, Ints, Mask
 
 SHARE, PRIOR_TRACKS = 0.08, 40.0
-"""Prior share of things among tracks, and tracks for which it counts."""
+"""Prior share of things among tracks, and number of tracks for which it counts."""
 USUAL, WEIGHT_USUAL = np.array([0.6, 0.85]), 0.5
-"""Prior rank and detections over expected ones of people, and people for whom they count."""
+"""Prior usual values of people: rank, detections over expected ones; and number of people for whom they count."""
 WEIGHT_STANDING = 0.3
-"""Weight of a track that has not moved in what is usual for people, as it may be of a thing."""
+"""Weight of a track that has not moved in the usual values of people, as it may be of a thing."""
 SLOPES = np.array([4.6, 10.4])
-"""Log-odds of a thing by how much lower each of the two is."""
+"""Log-odds of a thing per unit by which each of the first two features is below its usual value."""
 LEAST_BOXES = 8.0
-"""Boxes of which the two tell half as much as those of many."""
+"""Number of boxes at which the first two features have half their full weight."""
 MOST_FOUND = 1.1
-"""Detections over expected ones that count at most."""
+"""Greatest ratio of detections to expected ones that counts."""
 MOVED, MOVED_RATIO = 0.6, -0.7
-"""m from the mean of its places, less two standard deviations, from which a track has moved; its log-odds, as tracks of things jump between them."""
+"""m from the mean of its places, less two standard deviations, above which a track has moved; its log-odds, as tracks jump between things."""
 STANDS, STANDING_TIME = 0.2, 4.0
-"""Probability that a person stands for good, and s for which others stand in the mean."""
+"""Probability that a person never moves, and mean time for which other people stand, s."""
 ROUNDS = 6
 """Rounds of expectation and maximization."""
 
@@ -44,7 +44,7 @@ ROUNDS = 6
 class _History:
     """A track so far.
 
-    mean (2,) m of its places, and their number; s; distance m from the mean, at most; sum of ranks of its boxes; boxes; expected boxes.
+    mean (2,) m over `places` ticks; time s; farthest: greatest distance from it less 2σ, m; ranks: sum over its boxes; boxes, expected: numbers.
     """
 
     mean: Array
@@ -57,7 +57,7 @@ class _History:
 
 
 class StandingThings:
-    """The odds of all confirmed trees of the global hypothesis."""
+    """Log-odds that the confirmed trees of the global hypothesis are of things."""
 
     def __init__(self) -> None:
         self._history: dict[int, _History] = {}
@@ -70,7 +70,7 @@ class StandingThings:
         NaN for none. expected (t, V): detection rate in each view, 0 to 1, relative to people in full view.
         """
         (where, sigma), found = place, np.isfinite(ranks)
-        # A box where none was expected is no more than one.
+        # A box counts as half expected at least, which bounds the ratio of boxes to expected ones.
         due = np.where(found, np.maximum(expected, 0.5), expected).sum(axis=1)
         self._history = {one: self._history.get(one) or _History(where[k]) for k, one in enumerate(tree.tolist())}
         for k, track in enumerate(self._history.values()):

@@ -1,7 +1,7 @@
 """Tracks of people on the ground: state, motion model, new marginals of places, and ids as they are reported.
 
 The state holds place, velocity and stature. All tracks are rows of arrays, so that a crowd costs a few numpy calls. Functions return new values;
-nothing is changed in place. A person has one id for each tree, and a new one after leaving the area.
+nothing is changed in place. Each tree has one reported id, and a new one after it has left the area.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ STATURE_WALK = 0.005
 """m/√s, random walk of the apparent stature."""
 
 FADE_AFTER, FADE_TIME = 0.4, 1.0
-"""s without a box after which the velocity of a coasting track decays, and the time constant of that decay: the hidden often stop or turn."""
+"""s without a box after which the velocity of a coasting track decays, and the time constant of that decay: hidden people often stop or turn."""
 
 
 @dataclass(frozen=True)
 class MotionParameters:
     """Motion of people."""
 
-    acceleration: float = 0.8  # m/s², square root of the growth of the velocity's variance a second
-    start_speed: float = 1.0  # m/s, standard deviation of an unknown velocity, an axis
+    acceleration: float = 0.8  # m/s^1.5, square root of the growth of the velocity's variance per second
+    start_speed: float = 1.0  # m/s, standard deviation of an unknown velocity, per axis
     foot_spread: float = 0.2  # m, standard deviation of the feet from the ground under the body
     v_max: float = 3.0  # m/s, a faster track is deleted: it consists of false boxes or of several people's
 
@@ -36,8 +36,8 @@ class MotionParameters:
 class Tracks:
     """Rows are tracks.
 
-    tree (n,): ids, never used again; state (n, 5): x, y m, velocity m/s and stature m; covariance (n, 5, 5); score (n,): existence score, a
-    log-likelihood ratio over clutter. misses (n,): time since the last box, in revisits (Setup.revisit): ticks where all cameras are in step.
+    tree (n,): ids, never used again; state (n, 5): x, y m, velocity m/s and stature m; covariance (n, 5, 5); score (n,):
+    log-likelihood ratio over clutter. misses (n,): time since the last box, in revisits (Setup.revisit): ticks where cameras are synchronous.
     """
 
     tree: Ints
@@ -104,7 +104,7 @@ def with_places(state: Array, covariance: Array, rows: Ints, before: Places, aft
 
 
 EXIT_DISTANCE = 1.0
-"""m beyond the area from which a person has left it. Places err by half of that, so that a person on the edge keeps the id."""
+"""m beyond the area from which a person has left it. Errors of places are half of that, so that a person on the edge keeps the id."""
 EXIT_TIME = 3.0
 """s outside the area after which a person has left it, at any distance."""
 

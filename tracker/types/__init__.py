@@ -1,4 +1,4 @@
-"""The values that go into the tracker and come out of it: made once, checked at once, never changed.
+"""Immutable inputs and outputs of the tracker, checked when they are made.
 
 Read `ticks.py` first.
 """

@@ -19,8 +19,8 @@ class Detections:
     bearing (n, 3) unit, camera frame: to the middle of the box. extent (n, 2) rad: the spans of azimuth and elevation.
     confidence (n,): any finite number, higher is surer.
     covariance (n, 2, 2) rad² of an edge of the box in the tangent plane (geometry.tangent_basis).
-    appearance (n, d): vectors of an appearance model, compared by their cosine; d is 0 where there are none, and zeros say nothing.
-    feet_seen (n,): False where the detector knows that the feet are hidden; None, which becomes True for all, where it does not say.
+    appearance (n, d): vectors of an appearance model, compared by their cosine; d is 0 where there are none, and zeros are unknown.
+    feet_seen (n,): False where the detector reports hidden feet; None, which becomes True for all, where it does not report them.
     """
 
     bearing: Array

@@ -56,8 +56,8 @@ class View:
 class Tick:
     """The views of one time [s], one for each camera that reported then or shortly before or after.
 
-    index: the frame from 0 that the tick leads to. reported: whether it is the last tick of that frame, after which its estimate is reported.
-    Where all cameras are in step, each tick is a frame.
+    index: number of its frame, from 0. reported: whether it is the last tick of that frame, after which its estimate is reported.
+    Where all cameras are synchronous, each tick is a frame.
     """
 
     index: int

@@ -21,7 +21,7 @@ HIDDEN, VISIBLE = 1, 2
 """Visibility flags of key points in COCO; 0 is not in the image."""
 
 VISIBLE_FRACTION = 0.2
-"""Visible fraction above which a person counts as seen."""
+"""Least visible fraction at which a person counts as seen."""
 
 VISIBILITY_MEMORY = 9 / 7
 """s: people are evaluated for this time after they were seen (δ_a, 9 frames at 7 frames/s)."""

@@ -1,4 +1,4 @@
-"""The world of a file: it is read by its kind. A height map has its ground, a picture on it, and free space where it is not too steep."""
+"""The world of a user's file, by the kind of file. A height map becomes textured ground with free space where it is not too steep."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from worlds.textures.soils import Soil, soil
 from worlds.world import World
 
 LEAST_FREE = 20.0
-"""m² that people need, and rovers."""
+"""m²: least free area of people, and of rovers."""
 GRASS = Soil((112, 124, 72), (140, 132, 86), (146, 124, 94), 0.5, 6.0)
 PIXELS = 4096
 
 
 def build_place(name: str, rng: np.random.Generator) -> World:
-    """The world of the name of a file, with its choices. Raises ValueError, which says what to change, where it cannot be used."""
+    """The world of a file name with choices. Raises ValueError, which says what to change, if the file cannot be used."""
     place = place_of(name)
     try:
         if place.kind == HEIGHT_MAP:
@@ -33,7 +33,7 @@ def build_place(name: str, rng: np.random.Generator) -> World:
 
 
 def _terrain(place: Place, rng: np.random.Generator) -> World:
-    """The world of a height map. Raises ValueError as read_height_map, and where people or rovers could not get about on it."""
+    """The world of a height map. Raises ValueError as read_height_map, and if people or rovers have too little free space."""
     relief = read_height_map(place)
     ground = relief.ground
     spec = mujoco.MjSpec()

@@ -1,4 +1,4 @@
-"""Where people come and go in a place: at its border, or where the user says."""
+"""Areas where people enter and leave a place: near its border, or where the user says."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from worlds.terrain.free_space import FreeSpace, spawn_areas
 from worlds.terrain.heightfield import Array
 
 SIDES = (1.2, 0.9, 0.6)
-"""m: sides of an entrance; the largest that fits is taken."""
+"""m: side lengths of an entrance; the largest that fits is used."""
 MOST = 4
-"""Entrances at the border, unless the user names some."""
+"""Largest number of entrances, unless the user names some."""
 
 
 def entrances_of(place: Place, feet: FreeSpace, rng: np.random.Generator) -> Array:
-    """Areas (k, 2, 2) m where people enter. Raises ValueError for an entrance that is not free, and where none fits in."""
+    """Areas (k, 2, 2) m where people enter. Raises ValueError for an entrance that is not free, and if none fits in."""
     if place.entrances:
         return np.array([_square(place, feet, np.array(point)) for point in place.entrances])
     for side in SIDES:
@@ -28,7 +28,7 @@ def entrances_of(place: Place, feet: FreeSpace, rng: np.random.Generator) -> Arr
 
 
 def _square(place: Place, feet: FreeSpace, point: Array) -> Array:
-    """[[xmin, ymin], [xmax, ymax]] m around a point (2,) m."""
+    """The largest free square [[xmin, ymin], [xmax, ymax]] m around a point (2,) m. Raises ValueError if none is free."""
     for side in SIDES:
         if feet.clearance_at(point[None])[0] > side / np.sqrt(2):
             return np.array([point - side / 2, point + side / 2])

@@ -16,19 +16,19 @@ from worlds.terrain.heightfield import Array, Heightfield, Mask
 MOST_HOLES = 0.25
 """Largest share of the area without heights."""
 DEEP_HOLE = 1.5
-"""Cells: what is farther than this from the nearest height is not walked on."""
+"""Cells: ground farther than this from the nearest height is blocked."""
 MOST_PIXELS = 200_000_000
 COARSEST = 0.05
-"""m: largest step from one height to the next of a map of 8 bits; on higher ones it is all terraces."""
+"""m: largest height step of a map of 8 bits; with larger steps the ground would consist of terraces."""
 LINEAR_UNITS = {9001: 1.0, 9002: 0.3048, 9003: 1200 / 3937}
 """EPSG code of a unit of length → m."""
 
 
 @dataclass(frozen=True, eq=False)
 class Relief:
-    """Heights of a place: ground; holes (rows, columns), where there is none; window: (left, top, right, bottom) of the picture, shares of its sides.
+    """ground: heights of a place. holes (rows, columns): grid points without a height. window: (left, top, right, bottom), shares of the map's sides.
 
-    found: what was read of the file. notes: lines for the user.
+    found: values read from the file. notes: lines for the user.
     """
 
     ground: Heightfield
@@ -40,7 +40,7 @@ class Relief:
 
 @dataclass(frozen=True, eq=False)
 class _Raster:
-    """Heights (rows, columns) m, NaN where there are none, row 0 in the north; m a pixel, along x and y."""
+    """heights (rows, columns) m, NaN where unknown, row 0 in the north. pixel: m per pixel along x and y. found: values read from the file."""
 
     heights: Array
     pixel: tuple[float, float]
@@ -48,7 +48,7 @@ class _Raster:
 
 
 def read_height_map(place: Place) -> Relief:
-    """The relief of a height map, around the middle of the map as the origin; its lowest height is 0 m.
+    """The relief of a height map. x and y are from the middle of the map; the lowest height of the place is 0 m.
 
     Raises ValueError, which says what to change, for a file that cannot be read, lacks metres, or has too many holes.
     """
@@ -64,7 +64,7 @@ def read_height_map(place: Place) -> Relief:
     spacing = place.grid_spacing(float(sides.max()))
     count = np.maximum(np.floor(sides / spacing + 1e-6).astype(int) + 1, 2)
     x, y = area[0, 0] + spacing * np.arange(count[0]), area[0, 1] + spacing * np.arange(count[1])
-    # Pixel centres are half a pixel off the corner.
+    # The centre of the first pixel is half a pixel from the corner of the map.
     u, v = (x - whole[0, 0]) / dx - 0.5, (whole[1, 1] - y) / dy - 0.5
     heights, holes = _sampled(raster, (v, u), spacing)
     share = float(holes.mean())
@@ -84,7 +84,7 @@ def read_height_map(place: Place) -> Relief:
 
 
 def _sampled(raster: _Raster, at: tuple[Array, Array], spacing: float) -> tuple[Array, Mask]:
-    """Heights at rows and columns of pixels, and where there are none: averaged over a cell where pixels are finer, smooth where they are coarser."""
+    """Heights at rows and columns of pixels, and a mask of missing ones. Finer pixels are averaged over a cell; coarser ones get a cubic spline."""
     z, holes = raster.heights, np.isnan(raster.heights)
     if holes.all():
         raise ValueError("the height map has no heights at all")
@@ -93,7 +93,7 @@ def _sampled(raster: _Raster, at: tuple[Array, Array], spacing: float) -> tuple[
     window = [max(1, round(spacing / pixel)) for pixel in raster.pixel[::-1]]
     z = ndimage.uniform_filter(z, window, mode="nearest")
     grid = np.meshgrid(*at, indexing="ij")
-    # A cubic spline has no creases at the pixels, where they are larger than the cells.
+    # Where pixels are larger than cells, a cubic spline avoids creases at the pixels.
     order = 3 if max(window) == 1 else 1
     heights = ndimage.map_coordinates(z, grid, order=order, mode="nearest")
     return heights, ndimage.map_coordinates(holes.astype(np.float64), grid, order=1, mode="nearest") > 0.5
@@ -110,19 +110,22 @@ def _read_png(place: Place) -> _Raster:
                 raise ValueError(f"{path}: {image.width} x {image.height} px, needs at most {MOST_PIXELS:g}")
             if image.mode not in ("I;16", "I;16B", "I", "L"):
                 raise ValueError(f"{path}: is a picture in color ({image.mode}), needs one channel of 16 bits; colors go in with texture=")
-            if image.mode == "L" and (high - low) / 255 > COARSEST:
-                raise ValueError(f"{path}: has 8 bits, so that {high - low:g} m are in steps of {(high - low) / 255:.2g} m, needs 16 bits")
             values = np.asarray(image).astype(np.float64)
+            # Heights are stretched over the values that are there.
+            if image.mode == "L" and (step := (high - low) / max(float(np.ptp(values)), 1.0)) > COARSEST:
+                raise ValueError(f"{path}: has 8 bits, so that {high - low:g} m are in steps of {step:.2g} m, needs 16 bits")
     except (OSError, SyntaxError, Image.DecompressionBombError) as error:
         raise ValueError(f"{path}: no PNG that can be read ({error})") from None
     pixel = size / max(values.shape)
     return _Raster(_scaled(values, low, high), (pixel, pixel))
 
 
-def _scaled(values: Array, low: float, high: float) -> Array:
-    """Values with the lowest at `low` and the highest at `high`, m."""
-    least, span = float(np.nanmin(values)), float(np.nanmax(values) - np.nanmin(values))
-    return low + (values - least) * ((high - low) / span if span else 0.0)
+def _scaled(values: Array, low: float | None, high: float | None) -> Array:
+    """Values (rows, columns) m mapped linearly, so that the lowest is `low` and the highest `high`, m. One of them alone shifts all values."""
+    least, most = float(np.nanmin(values)), float(np.nanmax(values))
+    if low is None or high is None:
+        return values + (0.0 if low is None else low - least) + (0.0 if high is None else high - most)
+    return low + (values - least) * ((high - low) / (most - least) if most > least else 0.0)
 
 
 def _read_tiff(place: Place) -> _Raster:
@@ -148,13 +151,12 @@ def _read_tiff(place: Place) -> _Raster:
     heights[~np.isfinite(heights) | (np.abs(heights) > 1e5)] = np.nan
     if np.isnan(heights).all():
         raise ValueError(f"{path}: has no height at all (all values are NaN or nodata)")
-    if place.low is not None and place.high is not None:
-        heights = _scaled(heights, place.low, place.high)
-    return _Raster(heights, _pixel_size(place, tags, heights.shape), _frame(tags))
+    heights *= LINEAR_UNITS.get(int(tags.get("VerticalUnitsGeoKey", 9001)), 1.0)
+    return _Raster(_scaled(heights, place.low, place.high), _pixel_size(place, tags, heights.shape), _frame(tags))
 
 
 def _pixel_size(place: Place, tags: dict[str, Any], shape: tuple[int, ...]) -> tuple[float, float]:
-    """m a pixel along x and y, as told or of the tags. Raises ValueError for degrees and where there is none."""
+    """m per pixel along x and y, by the place's size or the tags. Raises ValueError for degrees and for missing tags."""
     if place.size is not None:
         return (place.size / max(shape),) * 2
     scale = tags.get("ModelPixelScale")
@@ -179,7 +181,7 @@ def _frame(tags: dict[str, Any]) -> Found:
 
 
 def orthophoto(path: Path, window: tuple[float, float, float, float], most: int) -> Any:
-    """The part of a picture (rows, columns, 3) uint8 within a window of shares, at most that many pixels along a side. ValueError for no picture."""
+    """The part (rows, columns, 3) uint8 of a picture in a window of shares, at most `most` pixels a side. ValueError for an unreadable file."""
     try:
         with Image.open(path) as image:
             left, top, right, bottom = (share * side for share, side in zip(window, image.size * 2, strict=True))

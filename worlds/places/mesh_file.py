@@ -15,13 +15,13 @@ from worlds.places.place import AXES, UNITS, Found, Place
 from worlds.terrain.heightfield import Array
 
 MOST_TRIANGLES, MOST_READ = 1_000_000, 8_000_000
-"""More are reduced; more than the second are refused."""
+"""Meshes of more triangles than the first are simplified; of more than the second, refused."""
 SMALLEST, LARGEST = 3.0, 2000.0
-"""m: sides of a place."""
+"""m: bounds of the sides of a place."""
 FAR = 1000.0
-"""m: a place farther from its origin is moved there, since images are drawn with 32 bits."""
+"""m: a place farther from its origin is moved to it, since images are drawn with 32-bit floats."""
 PALETTE = 64
-"""Colours along the edge of the picture that holds those of vertices: 16 levels a channel."""
+"""Side, in colours, of the square palette picture for colours of vertices: 16 levels per channel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class MeshFile:
 
 
 def read_mesh(place: Place) -> MeshFile:
-    """The mesh of a place. Raises ValueError, which says what to change, for a file that cannot be read, or a scale that cannot be guessed."""
+    """The mesh of a place. Raises ValueError, which says what to change, for a file that cannot be read, or sides out of bounds."""
     parts = _parts(place.source)
     total = sum(len(part.faces) for part in parts)
     if not total:
@@ -89,14 +89,14 @@ def _parts(path: Path) -> list[Part]:
         scene: Any = trimesh.load_scene(path, process=False)
         nodes = [(name, *scene.graph[name]) for name in sorted(scene.graph.nodes_geometry)]
         return [_part(scene.geometry[geometry], T, f"{name} {geometry}") for name, T, geometry in nodes if hasattr(scene.geometry[geometry], "faces")]
-    # trimesh promises no kind of error for a broken file.
+    # trimesh documents no type of exception for a broken file.
     except Exception as error:
         raise ValueError(f"no mesh that can be read ({type(error).__name__}: {' '.join(str(error).split())[:100]})") from None
 
 
 def _part(mesh: Any, T: Array, words: str) -> Part:
     vertices, faces = np.asarray(mesh.vertices, dtype=np.float64) @ T[:3, :3].T + T[:3, 3], np.asarray(mesh.faces, dtype=np.int64)
-    if np.linalg.det(T[:3, :3]) < 0 or (mesh.is_watertight and mesh.volume < 0):
+    if (np.linalg.det(T[:3, :3]) < 0) != bool(mesh.is_watertight and mesh.volume < 0):
         faces = faces[:, ::-1]
     corners = vertices[faces]
     solid = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) > 1e-12
@@ -138,7 +138,7 @@ def _bounds(parts: list[Part]) -> Array:
 
 
 def _guessed_up(parts: list[Part]) -> str:
-    """z or y: along which more area looks up."""
+    """The axis, y or z, along which more area faces up; y only if it has 1.2 times as much."""
     corners = np.concatenate([part.vertices[part.faces] for part in parts])
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(normal, axis=1)
@@ -147,7 +147,7 @@ def _guessed_up(parts: list[Part]) -> str:
 
 
 def _upright(up: str) -> Array:
-    """The rotation (3, 3) that turns an axis up; the two others follow in their order."""
+    """The rotation (3, 3) that turns the axis `up` to z; the first of the two other axes becomes x."""
     k = AXES.index(up) % 3
     sign = -1.0 if up.startswith("-") else 1.0
     rows = np.zeros((3, 3))
@@ -159,7 +159,7 @@ def _upright(up: str) -> Array:
 
 
 def _guessed_unit(bounds: Array) -> float:
-    """m a unit: metres where that gives a place; else the first unit that does."""
+    """m per unit: the first of m, mm and cm with plausible sides, else m."""
     sides = bounds[1] - bounds[0]
     for name in ("m", "mm", "cm"):
         wide, high = sides[:2] * UNITS[name], sides[2] * UNITS[name]
@@ -169,7 +169,7 @@ def _guessed_unit(bounds: Array) -> float:
 
 
 def _reduced(part: Part, share: float) -> Part:
-    """The part with that share of its triangles (Garland & Heckbert 1997); texture coordinates are those of the nearest vertices."""
+    """The part with about a share of its triangles (Garland & Heckbert 1997); texture coordinates are those of the nearest vertices."""
     try:
         import fast_simplification
     except ImportError:
@@ -179,5 +179,11 @@ def _reduced(part: Part, share: float) -> Part:
         return part
     merged, index = np.unique(part.vertices.round(6), axis=0, return_inverse=True)
     vertices, faces = fast_simplification.simplify(merged.astype(np.float32), index[part.faces].astype(np.int32), target_reduction=1 - share)
-    uv = None if part.uv is None else part.uv[KDTree(part.vertices).query(vertices)[1]]
-    return replace(part, vertices=vertices.astype(np.float64), faces=faces.astype(np.int64), uv=uv)
+    vertices, faces = vertices.astype(np.float64), faces.astype(np.int64)
+    if part.uv is None or (np.ptp(of_faces := part.uv[part.faces], axis=1) > 0).any():
+        uv = None if part.uv is None else part.uv[KDTree(part.vertices).query(vertices)[1]]
+        return replace(part, vertices=vertices, faces=faces, uv=uv)
+    # Each face has one colour of a palette: between two of its colours lie others, so that no face may have two.
+    nearest = KDTree(part.vertices[part.faces].mean(axis=1)).query(vertices[faces].mean(axis=1))[1]
+    vertices, faces = vertices[faces].reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3)
+    return replace(part, vertices=vertices, faces=faces, uv=of_faces[nearest].reshape(-1, 2))

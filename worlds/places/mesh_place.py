@@ -1,4 +1,4 @@
-"""The world of a mesh: its parts as they are drawn, a height field that wheels meet, and the free space of one level."""
+"""The world of a mesh: its drawn parts, a height field with which wheels collide, and the free space of one level."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from worlds.textures.materials import FAIR_SKY, HIGH_SUN, add_light, add_picture
 from worlds.world import World
 
 LEAST_FREE = (6.0, 3.0)
-"""m² that people need, and rovers."""
+"""m²: least free area of people, and of rovers."""
 HIDDEN = 4
-"""Group of geoms that are met, but neither drawn nor hit by rays of cameras."""
+"""Group of geoms that collide, but are neither drawn nor hit by rays of cameras."""
 
 
 def grid_over(place: Place, bounds: Array) -> Heightfield:
@@ -32,12 +32,12 @@ def grid_over(place: Place, bounds: Array) -> Heightfield:
         whose = "the place is" if place.area is None else "area covers"
         raise ValueError(f"{whose} {max(high[0] - low[0], 0):.3g} x {max(high[1] - low[1], 0):.3g} m, needs more than 2 m a side")
     spacing = place.grid_spacing(float((high - low).max()))
-    # Not on the very edges of things that are drawn in whole metres, where a vertical line touches two of them.
+    # The shift keeps grid points off edges at whole metres, where a vertical line would touch two faces.
     return Heightfield.flat([low + 0.37 * spacing, high], spacing)
 
 
 def level_of(place: Place, triangles: Array) -> tuple[Level, list[str]]:
-    """The walkable level of triangles (k, 3, 3) m, and what to say of it."""
+    """The walkable level of triangles (k, 3, 3) m, and notes about it for the user."""
     points = triangles.reshape(-1, 3)
     grid = grid_over(place, np.array([points.min(axis=0), points.max(axis=0)]))
     level = find_level(triangles, grid, place.level, np.reshape(place.entrances, (-1, 2)))
@@ -51,7 +51,7 @@ def level_of(place: Place, triangles: Array) -> tuple[Level, list[str]]:
 
 @lru_cache(maxsize=2)
 def _analysed(place: Place, _time: int) -> tuple[tuple[Part, ...], Level, tuple[str, ...], str]:
-    """Parts, level, notes and place.toml, which no random number changes. _time: of the last change of the file, ns."""
+    """Parts, level, notes and the text of place.toml, none of which is random. _time: modification time of the file, ns."""
     mesh = read_mesh(place)
     level, notes = level_of(place, np.concatenate([part.vertices[part.faces] for part in mesh.parts]))
     said = (*mesh.notes, *notes)
@@ -59,7 +59,7 @@ def _analysed(place: Place, _time: int) -> tuple[tuple[Part, ...], Level, tuple[
 
 
 def build_mesh(place: Place, rng: np.random.Generator) -> World:
-    """The world of a mesh. Raises ValueError as read_mesh and find_level, and where people or rovers could not get about in it."""
+    """The world of a mesh. Raises ValueError as read_mesh and find_level, and if people or rovers have too little free space."""
     parts, level, _, text = _analysed(place, place.source.stat().st_mtime_ns)
     spec = mujoco.MjSpec()
     spec.modelname = place.name
@@ -87,7 +87,7 @@ def world_of_level(place: Place, spec: mujoco.MjSpec, level: Level, rng: np.rand
 
 
 def _kinds(part: Part, decks: NDArray[np.bool_]) -> list[tuple[str, NDArray[np.bool_]]]:
-    """Kind of thing and its faces: all by the part's names, or, where they say nothing, ground for what is walked on."""
+    """Kinds and masks of their faces: one kind by the part's names, else ground for walked faces and beam for the others."""
     kind = kind_of(part.words)
     if kind is not None:
         return [(kind, np.ones(len(part.faces), dtype=bool))]
@@ -104,7 +104,7 @@ def _add_material(spec: mujoco.MjSpec, part: Part, number: int) -> str:
 
 
 def _add_part(spec: mujoco.MjSpec, part: Part, faces: NDArray[np.int64], name: str, material: str) -> None:
-    """Faces of a part as a geom that is drawn and hit by rays, but met by nothing: wheels meet the height field."""
+    """Faces of a part as a geom that is drawn and hit by rays, but never collides: wheels collide with the height field."""
     used, index = np.unique(faces, return_inverse=True)
     vertices, uv, index = part.vertices[used], None if part.uv is None else part.uv[used], index.reshape(-1, 3)
     if len(vertices) < 4:

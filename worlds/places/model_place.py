@@ -21,13 +21,13 @@ SHOWN = (0, 1, 2)
 MOST_LIGHTS = 6
 """OpenGL's eight, less the headlight and one to spare."""
 OPEN = 15.0
-"""m: half the side of an infinite plane that is walked on, where nothing else bounds the place."""
+"""m: half the side of the walkable part of an infinite plane, if nothing else bounds the place."""
 BEYOND = 3.0
-"""m that an infinite plane is walked on beyond all other things."""
+"""m: how far the walkable part of an infinite plane extends beyond all other geoms."""
 
 
 def build_model(place: Place, rng: np.random.Generator) -> World:
-    """The world of MJCF. Raises ValueError where MuJoCo cannot compile it, and where people or rovers could not get about in it."""
+    """The world of MJCF. Raises ValueError if MuJoCo cannot compile it, and if people or rovers have too little free space."""
     user, _ = read_model(place.source)
     notes = _prepared(user)
     spec = mujoco.MjSpec()
@@ -53,7 +53,7 @@ def build_model(place: Place, rng: np.random.Generator) -> World:
 
 
 def _prepared(user: mujoco.MjSpec) -> list[str]:
-    """Change what a scene of ours cannot have, and say what."""
+    """Move geoms to the groups of our scenes and switch off surplus lights. Returns notes about the lights."""
     notes = []
     for geom in user.geoms:
         geom.group = 1 if geom.group in SHOWN else HIDDEN
@@ -76,7 +76,7 @@ def _posed(spec: mujoco.MjSpec, place: Place) -> tuple[mujoco.MjModel, mujoco.Mj
 
 
 def _triangles(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """(k, 3, 3) m: all that is drawn. An infinite plane is as large as the rest and BEYOND."""
+    """Triangles (k, 3, 3) m of all drawn geoms. An infinite plane extends BEYOND the others. Raises ValueError if none is drawn."""
     drawn = [geom for geom in range(model.ngeom) if model.geom_group[geom] in DRAWN_GROUPS and model.geom_rgba[geom, 3] > 0]
     planes = [geom for geom in drawn if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE]
     found = [geom_triangles(model, data, geom) for geom in drawn if geom not in planes]
@@ -89,7 +89,7 @@ def _triangles(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
 
 
 def _cameras(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[PlaceCamera, ...]:
-    """Its cameras that stand still."""
+    """The fixed cameras on static bodies."""
     out = []
     for k in range(model.ncam):
         if model.body_weldid[model.cam_bodyid[k]] == 0 and model.cam_mode[k] == mujoco.mjtCamLight.mjCAMLIGHT_FIXED:

@@ -29,7 +29,7 @@ FOREIGN = {
 """Ending of a file that is not read → what it is, and how to convert it."""
 AXES = ("x", "y", "z", "-x", "-y", "-z")
 MOST_NODES = 400
-"""Grid points along the longer side, unless spacing= says otherwise: searches for ways take time with the square of it."""
+"""Grid points along the longer side, unless spacing= says otherwise: the time of path searches grows with its square."""
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 """Unit of length → m."""
 OF_KIND = {
@@ -37,21 +37,21 @@ OF_KIND = {
     MESH: {"up", "unit", "level", "area", "spacing", "entrances", "licence"},
     MODEL: {"level", "area", "spacing", "entrances", "licence"},
 }
-"""What each kind of file can be told."""
+"""Names of the choices of each kind of file."""
 
 
 Found = dict[str, "str | float | list[float]"]
-"""What was read or guessed: name, with found_ before it where it is no choice, → value."""
+"""Values read or guessed: name → value; names that are no choices begin with found_."""
 
 
 @dataclass(frozen=True)
 class Place:
-    """A file of a user and the choices for it; None is guessed, or read from the file.
+    """A file of a user and the choices for it; values of choices that are None are guessed, or read from the file.
 
-    source: the file. size: of a height map's longer side, m. low, high: heights of its lowest and highest value, m. texture: a picture of all of it.
-    area: (x0, y0, x1, y1) m of what is used. up: axis of a mesh that points up, one of AXES. unit: of its coordinates, m.
-    level: height of the floor where people enter, m. spacing: of the grid of free space, m. entrances: (x, y) m of places where people come and go.
-    licence: of the source, as the dataset's card tells it.
+    source: the file. size: longer side of a height map, m. low, high: heights of its lowest and highest value, m. texture: a picture of all of it.
+    area: (x0, y0, x1, y1) m of the part that is used. up: axis of a mesh that points up, one of AXES. unit: unit of its coordinates, m.
+    level: height of the floor where people enter, m. spacing: of the grid of free space, m. entrances: (x, y) m where people enter and leave.
+    licence: of the source, for the dataset's card.
     """
 
     source: Path
@@ -78,7 +78,7 @@ class Place:
         return "".join(c if c.isalnum() or c in "-_" else "_" for c in self.source.stem)[:40]
 
     def grid_spacing(self, longest: float) -> float:
-        """m: of the grid of free space, as told, or so that MOST_NODES lie along the longer side of `longest` m, but 0.1 m at least.
+        """m: the chosen spacing of the grid of free space, or one with MOST_NODES along the longer side of `longest` m, but at least 0.1 m.
 
         Raises ValueError for a spacing that makes the grid too large.
         """
@@ -88,7 +88,7 @@ class Place:
         return spacing
 
     def toml(self, found: Found, notes: Sequence[str]) -> str:
-        """The text of place.toml. found: what was guessed or read, beside what was told. notes: comments. Paths are as they were told."""
+        """The text of place.toml. found: values guessed or read, beside the choices. notes: comments. Paths are written as given."""
         values: dict[str, Any] = {"source": self.source.as_posix(), "sha256": hashlib.sha256(self.source.read_bytes()).hexdigest()}
         told = {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.name != "source"}
         values |= {name: value for name, value in told.items() if value not in (None, (), "")} | found
@@ -97,14 +97,14 @@ class Place:
 
 
 def is_place(name: object) -> bool:
-    """Whether the name of a world is that of a file."""
+    """Whether the name of a world is the path of a file."""
     return isinstance(name, str) and bool(Path(name.partition(":")[0]).suffix)
 
 
 def place_of(name: str, field: str = "world") -> Place:
     """The place of a text `FILE`, `FILE:name=value,…` or `place.toml`.
 
-    Raises ValueError for a missing file, one that is not read, and a choice that is unknown or wrong. field: its name in the message.
+    Raises ValueError for a missing file, an unsupported kind, and an unknown or wrong choice. field: the option's name in the message.
     """
     path, _, text = name.partition(":")
     file, ending = Path(path), Path(path).suffix.lower()
@@ -131,7 +131,7 @@ def place_of(name: str, field: str = "world") -> Place:
 
 
 def _stored(file: Path) -> dict[str, Any]:
-    """The values of a place.toml, with the source as a path beside it. What only says how it was made is left out."""
+    """The choices of a place.toml, without sha256 and found_ values; paths are taken from its folder."""
     try:
         values = tomllib.loads(file.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -139,15 +139,20 @@ def _stored(file: Path) -> dict[str, Any]:
     source = values.get("source")
     if not isinstance(source, str) or Path(source).suffix.lower() not in KINDS:
         raise ValueError(f"{file}: source is {source!r}, needs a file that ends in {', '.join(KINDS)}")
-    values["source"] = file.parent / source
+    values["source"] = _beside(file, source)
     if not values["source"].is_file():
-        raise ValueError(f"{file}: source {source} is no file (paths are taken from the folder of place.toml)")
+        raise ValueError(f"{file}: source {source} is no file, neither from the folder of place.toml nor from the present one")
     digest = values.pop("sha256", None)
     if digest is not None and digest != hashlib.sha256(values["source"].read_bytes()).hexdigest():
         raise ValueError(f"{file}: {source} is another file than the one of sha256; take that line out to use it")
     if isinstance(values.get("texture"), str):
-        values["texture"] = str(file.parent / values["texture"])
+        values["texture"] = str(_beside(file, values["texture"]))
     return {name: value for name, value in values.items() if not name.startswith("found_")}
+
+
+def _beside(file: Path, name: str) -> Path:
+    """A path from the folder of `file`, or from the present one, as `generate` writes paths as they were given."""
+    return beside if (beside := file.parent / name).is_file() else Path(name)
 
 
 def _place(file: Path, values: dict[str, Any]) -> Place:

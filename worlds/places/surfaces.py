@@ -1,7 +1,7 @@
-"""The walkable level of a heap of triangles: its heights on a grid, what stands on it, and the triangles that feet touch.
+"""The walkable level of a set of triangles: its heights on a grid, its obstacles, and the triangles that feet touch.
 
-Vertical lines through the grid points meet the triangles in layers. A layer can be walked on where it looks up and has headroom.
-Layers that a step or a slope joins are one level. Nothing but geometry is used: neither names nor connected meshes.
+Vertical lines through the grid points intersect the triangles in layers. A layer is walkable where it faces up and has headroom.
+Layers connected by a step or a slope form one level. Only geometry is used: neither names nor the connectivity of meshes.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ Index = NDArray[np.int64]
 HEADROOM = 2.05
 """m that people and masts of rovers need over the floor; doors are 2.0 to 2.1 m high."""
 THIN = 0.02
-"""m: layers nearer to each other are one, as a floor and the slab under it."""
+"""m: layers nearer to each other count as one, such as a floor and the slab under it."""
 LEAST_SHARE = 0.4
-"""Of the largest level: the lowest level of at least this share is the one of the entrances. A roof is larger than the rooms below it."""
+"""Share of the largest level: by default, people use the lowest level of at least this share. A roof is larger than the rooms below it."""
 FLAT = 0.05
-"""Least z of the unit normal of a triangle that is stood on."""
+"""Least z of the unit normal of a triangle on which people can stand."""
 APART = 0.015
-"""m: where the triangles that feet touch are farther than this from the level, nobody walks."""
+"""m: grid points are blocked where the triangles that feet touch are farther than this from the level."""
 
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """A walkable level: terrain; contact, the heights that wheels meet, obstacles raised; blocked for feet and for wheels (rows, columns).
+    """A walkable level. contact: heights with which wheels collide, obstacles raised. blocked: masks (rows, columns) for feet and for wheels.
 
-    decks (k,): which triangles are stood on. others: number of levels that are left out.
+    decks (k,): mask of the triangles on which people stand. others: number of levels that are left out.
     """
 
     terrain: Terrain
@@ -47,9 +47,9 @@ class Level:
 
 
 def find_level(triangles: Array, grid: Heightfield, height: float | None, entrances: Array) -> Level:
-    """The level of triangles (k, 3, 3) m on a grid. height: m, which level; else that of the entrances (n, 2) m; else the lowest large one.
+    """The level of triangles (k, 3, 3) m on a grid: the one at `height` m, else that of the entrances (n, 2) m, else the lowest large one.
 
-    Raises ValueError where nothing can be stood on.
+    Raises ValueError if there is no place to stand, or none at `height`.
     """
     layers = _Layers.of(triangles, grid)
     floor, others = layers.level(grid, height, entrances)
@@ -61,7 +61,7 @@ def find_level(triangles: Array, grid: Heightfield, height: float | None, entran
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     up = normal[:, 2] > FLAT * np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
     decks = up & touching
-    # Below all that is stood on, so that the triangles themselves are the terrain wherever there are any.
+    # The ground lies below all decks, so that the triangles themselves are the terrain wherever there are any.
     below = grid.with_heights(ndimage.minimum_filter(filled, 3) - THIN)
     terrain = Terrain(below, Decks(triangles[decks]))
     elsewhere = ~known | (np.abs(terrain.on_grid.heights - filled) > APART)
@@ -76,7 +76,7 @@ def _climb(limits: Limits, spacing: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Layers:
-    """Where one can stand: node (n,) flat index of the grid and height z (n,) m, ordered by both."""
+    """Places to stand: flat grid index node (n,) and height z (n,) m, ordered by both."""
 
     node: Index
     z: Array
@@ -90,13 +90,13 @@ class _Layers:
         _crossings(local, size, node, z, facing)
         order = np.lexsort((z, node))
         node, z, facing = node[order], z[order], facing[order]
-        # Equal heights, as at the edge that two triangles share, and thin layers count once, by the highest that looks up.
+        # Equal heights, as at the edge that two triangles share, and thin layers count once, by the highest one that faces up.
         stands = np.zeros(count, dtype=bool)
         _standing(node, z, facing, stands)
         return _Layers(node[stands], z[stands])
 
     def level(self, grid: Heightfield, height: float | None, entrances: Array) -> tuple[Array, int]:
-        """Heights (rows, columns) of the chosen level, NaN where it is not; and how many other levels of some size there are."""
+        """Heights (rows, columns) m of the chosen level, NaN elsewhere; and the number of other levels with 5 % of the largest one's nodes."""
         if not len(self.node):
             raise ValueError("nothing in it can be stood on: no surface looks up with 2.05 m of headroom (is up= right?)")
         label = self._joined(grid)
@@ -117,13 +117,13 @@ class _Layers:
             chosen = int(large[np.argmin(middle[large])])
         floor = np.full(grid.heights.size, np.nan)
         mine = label == chosen
-        # From the highest to the lowest: the lowest layer of a column stays.
+        # Written from the highest to the lowest, so that the lowest layer of a grid point remains.
         floor[self.node[mine][::-1]] = self.z[mine][::-1]
         others = int((columns >= 0.05 * columns.max()).sum()) - 1
         return floor.reshape(grid.heights.shape), others
 
     def _joined(self, grid: Heightfield) -> Index:
-        """Number (n,) of the level of every layer."""
+        """Level number (n,) of every layer."""
         rows, columns = grid.heights.shape
         start = np.searchsorted(self.node, np.arange(rows * columns + 1))
         links = [_neighbours(self.node, self.z, start, step, (columns, _climb(FEET, grid.spacing))) for step in (1, columns)]
@@ -139,7 +139,7 @@ def _listed(heights: Array) -> str:
 
 @njit(cache=True)
 def _crossings(triangles: Array, size: tuple[int, int], node: Index, z: Array, facing: Array) -> int:
-    """Number of crossings of the vertical lines at whole x, y with triangles; where node has room, they are written. facing: sign of normal z."""
+    """Number of intersections of vertical lines at integer x, y with triangles; they are written unless node is empty. facing: sign of normal z."""
     rows, columns = size
     count = 0
     for t in range(len(triangles)):
@@ -165,9 +165,9 @@ def _crossings(triangles: Array, size: tuple[int, int], node: Index, z: Array, f
 
 @njit(cache=True)
 def _standing(node: Index, z: Array, facing: Array, stands: Mask) -> None:
-    """Mark crossings that look up and have headroom; crossings are ordered by node and height.
+    """Mark intersections that face up and have headroom; intersections are ordered by node and height.
 
-    Below a surface that looks up one is inside of something.
+    A point right below a surface that faces up is inside a solid.
     """
     for k in range(len(node)):
         if facing[k] <= 0:
@@ -175,7 +175,7 @@ def _standing(node: Index, z: Array, facing: Array, stands: Mask) -> None:
         free = True
         for n in range(k + 1, len(node)):
             if node[n] != node[k] or z[n] > z[k] + HEADROOM:
-                # What is above the headroom decides only whether one is inside of a solid.
+                # A surface above the headroom decides only whether the point is inside a solid.
                 free = node[n] != node[k] or facing[n] < 0
                 break
             if z[n] > z[k] + THIN or facing[n] > 0:
@@ -186,7 +186,7 @@ def _standing(node: Index, z: Array, facing: Array, stands: Mask) -> None:
 
 @njit(cache=True)
 def _neighbours(node: Index, z: Array, start: Index, step: int, limits: tuple[int, float]) -> Index:
-    """Pairs (2, m) of layers at neighbouring nodes that a step joins. limits: columns, and the greatest rise m."""
+    """Pairs (2, m) of layers at neighbouring nodes that a step connects. limits: columns, and the greatest rise m."""
     columns, climb = limits
     pairs = []
     for k in range(len(node)):
@@ -203,10 +203,10 @@ def _neighbours(node: Index, z: Array, start: Index, step: int, limits: tuple[in
 
 
 def _met(triangles: Array, grid: Heightfield, floor: Array, limits: Array) -> tuple[Mask, Array, Mask]:
-    """What is met on a floor (rows, columns) m. limits: (2,) m that feet and wheels climb.
+    """Obstacles on a floor (rows, columns) m. limits: (2,) m that feet and wheels can climb.
 
-    Returns grid points (2, rows, columns) where something stands higher than each limit, and its top (rows, columns) m, NaN for none.
-    The third is which triangles (k,) lie on the floor somewhere, within the first limit.
+    Returns masks (2, rows, columns) of obstacles above each limit, and tops (rows, columns) m of obstacles of wheels, NaN for none.
+    The third value is a mask (k,) of triangles that lie somewhere within the first limit of the floor.
     """
     blocked, top, touching = np.zeros((2, *floor.shape), dtype=bool), np.full(floor.shape, np.nan), np.zeros(len(triangles), dtype=bool)
     _stand_on(np.ascontiguousarray(triangles), np.array([*grid.origin, grid.spacing]), floor, limits, (blocked, top, touching))
@@ -215,7 +215,7 @@ def _met(triangles: Array, grid: Heightfield, floor: Array, limits: Array) -> tu
 
 @njit(cache=True)
 def _stand_on(triangles: Array, grid: Array, floor: Array, limits: Array, out: tuple[Mask, Array, Mask]) -> None:
-    """Walk over points of all triangles, half a cell apart, and mark what lies on the floor, and what reaches into the headroom over it."""
+    """Sample all triangles half a cell apart; mark triangles on the floor, and obstacles that reach into the headroom over it."""
     blocked, top, touching = out
     rows, columns = floor.shape
     for t in range(len(triangles)):

@@ -1,4 +1,4 @@
-"""Things that a detector takes for people at a distance: street furniture, things on tripods, clothes, pictures."""
+"""Objects that a detector takes for people at a distance: street furniture, instruments on tripods, clothes, pictures of people."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def tripod(rng: np.random.Generator) -> Piece:
 
 
 def clothes_heap(rng: np.random.Generator) -> Piece:
-    """Garments thrown on each other, up to the height of a child who crouches."""
+    """A heap of garments, at most as high as a crouching child."""
     lumps = []
     for k in range(int(rng.integers(4, 9))):
         r, h = rng.uniform(0.16, 0.34), rng.uniform(0.1, 0.22)
@@ -114,7 +114,7 @@ def cardboard_figure(rng: np.random.Generator) -> Piece:
 
 
 def _plate(corners: Array, cell: int, scale: float, sides: tuple[float, float]) -> Shape:
-    """A convex polygon (k, 2) m of x and z with the picture of a cell in front and at the back, at y of `sides` m."""
+    """A convex polygon (k, 2) m of x and z, times `scale`, with the picture of a cell in front and at the back, at y of `sides` m."""
     k = len(corners)
     fan = np.array([[0, j, j + 1] for j in range(1, k - 1)])
     front, back = (np.column_stack([scale * corners[:, 0], np.full(k, y), scale * corners[:, 1]]) for y in sides)
@@ -159,7 +159,7 @@ def sign(rng: np.random.Generator) -> Piece:
 
 
 def coat_stand(rng: np.random.Generator) -> Piece:
-    """A stand with a coat over it, and sometimes a hat: a person without legs."""
+    """A stand with a coat over it, and sometimes a hat. It resembles a person without legs."""
     h, r, flat = rng.uniform(1.55, 1.9), rng.uniform(0.19, 0.27), rng.uniform(0.5, 0.8)
     shape = revolved(rng, Surface.DARK, [(0.2, 0), (0.2, 0.03), (0.025, 0.04), (0.025, h), (0.005, h + 0.01)])
     hem, top = rng.uniform(0.35, 0.85), h - rng.uniform(0.05, 0.25)

@@ -1,6 +1,6 @@
 """Building fronts with windows around a world, some of whose panes glare: they mirror the sun, or are lit from inside.
 
-The picture of a front has bays with a window each, side by side.
+The picture of a front is a row of bays, all but the last with one window.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ THICKNESS = 0.02
 def add_facades(spec: mujoco.MjSpec, rng: np.random.Generator, ground: Heightfield, count: int, glare: float) -> None:
     """Put `count` buildings around the ground of a world, each with its front towards the world.
 
-    Free space is not changed, since nobody can be there. glare: probability that a window glares. In rooms they stand behind the walls.
+    Free space does not change, since nobody can be there. glare: probability that a window glares. Walls of rooms hide the buildings.
     """
     for name, colour in (("glare_sun", SUN), ("glare_inside", INSIDE)):
         spec.add_material(name=name, emission=1.0, specular=0.0, rgba=list(colour))
@@ -89,7 +89,7 @@ def add_facades(spec: mujoco.MjSpec, rng: np.random.Generator, ground: Heightfie
         on = np.array([*place, float(ground.height_at(np.clip(place, low, high)[None])[0])])
         front, windows = _front(rng, bays, storeys)
         parts = {"facade": (front + _body(bays * BAY, storeys * STOREY), f"{name}-facade")}
-        # As many draws for any share, so that the same buildings stand there.
+        # The number of draws does not depend on `glare`, so that the buildings do not either.
         glares, mirrors = rng.random(len(windows)) < glare, rng.random(len(windows)) < MIRRORS
         for part, some in (("sun", windows[glares & mirrors]), ("inside", windows[glares & ~mirrors])):
             if len(some):
@@ -103,7 +103,7 @@ def add_facades(spec: mujoco.MjSpec, rng: np.random.Generator, ground: Heightfie
 def _place(rng: np.random.Generator, extent: Array, width: float) -> tuple[Array, float]:
     """The middle (2,) m of the foot of a front outside of an extent [[xmin, ymin], [xmax, ymax]], and its yaw.
 
-    The yaw turns the front from −y to the world.
+    The yaw turns the front, which faces −y, towards the world.
     """
     low, high = np.asarray(extent)
     side, out = int(rng.integers(4)), float(rng.uniform(*DISTANCE))

@@ -19,15 +19,15 @@ from worlds.terrain.heightfield import Array, Heightfield, Mask
 from worlds.terrain.polygons import covered, rectangle, signed_distance, turned
 from worlds.textures.furniture_atlas import Surface
 
-# What stands free leaves this much on all sides, m, and what stands at a wall leaves it before itself: two rovers do not fit, one does.
+# Gap on all sides of free-standing pieces and in front of pieces at walls, m: one rover fits through, two do not.
 GAP = 1.1
-# Furniture stands where the ground under it rises no more than that, m.
+# Largest height range of the ground under a piece, m.
 LEVEL = 0.07
 TRIES = 60
 
 Place = tuple[Array, float]
 COLOURS = (Surface.BLUE, Surface.RED, Surface.GREEN, Surface.YELLOW, Surface.DARK)
-# Things sink this far below the lowest ground under them: feet of furniture never hover.
+# Pieces sink this far below the lowest ground under them, m, so that their feet never hover.
 SINK = 0.02
 # Thickness of the painted foot of a pillar, m: enough for a depth buffer to tell it from the pillar.
 PAINT = 0.012
@@ -35,7 +35,7 @@ PAINT = 0.012
 
 @final
 class Furnishing:
-    """What is taken so far, on the grid of the ground: walls (rows, columns), furniture, and what is kept clear."""
+    """Masks (rows, columns) on the grid of the ground: walls, furniture so far, and places that are kept clear."""
 
     def __init__(self, ground: Heightfield, outline: Array) -> None:
         """outline: corners (k, 2) m of the room; outside of it and within half a cell of its edge is wall."""
@@ -50,15 +50,15 @@ class Furnishing:
         return self.walls | self.furniture
 
     def take(self, corners: ArrayLike) -> None:
-        """Something stands on a polygon (k, 2) m."""
+        """Mark a polygon (k, 2) m as occupied."""
         self.furniture |= self._under(corners)
 
     def keep_clear(self, corners: ArrayLike, margin: float = 0.0) -> None:
-        """Nothing shall stand on a polygon (k, 2) m nor within the margin m around it."""
+        """Keep a polygon (k, 2) m and a margin m around it clear of furniture."""
         self.clear |= covered(self.ground, corners, margin)
 
     def at_wall(self, rng: np.random.Generator, piece: Piece, edges: ArrayLike) -> Place | None:
-        """A place with its back to one of the walls, edges (k, 2, 2) m with the room on their left; None where none was found."""
+        """A place with its back to one of the walls, edges (k, 2, 2) m with the room on their left; None if none was found."""
         walls = np.asarray(edges, dtype=np.float64)
         lengths = np.hypot(*(walls[:, 1] - walls[:, 0]).T)
         width, depth = piece.size
@@ -77,7 +77,7 @@ class Furnishing:
         return None
 
     def standing_free(self, rng: np.random.Generator, piece: Piece) -> Place | None:
-        """A place with GAP on all sides, turned anyhow; None where none was found."""
+        """A place with GAP on all sides and a random yaw; None if none was found."""
         room = ndimage.distance_transform_edt(~self.blocked) * self.ground.spacing
         candidates = np.argwhere((room > GAP) & ~self.clear)
         for _ in range(TRIES if len(candidates) else 0):
@@ -89,9 +89,9 @@ class Furnishing:
         return None
 
     def places(self, rng: np.random.Generator, makers: Iterable[tuple[Iterable[Maker], bool]], edges: ArrayLike) -> Iterator[tuple[Piece, Place]]:
-        """New pieces and their places, one after the other, for `put`; what finds no place is left out.
+        """New pieces and their places, one after the other, for `put`; pieces without a place are left out.
 
-        makers: with whether their pieces stand at a wall. edges: as of at_wall.
+        makers: groups of functions, each with whether its pieces stand at a wall. edges: as in at_wall.
         """
         for kinds, at_wall in makers:
             for make in kinds:
@@ -115,7 +115,7 @@ class Furnishing:
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A thing: its kind, its mesh, and size (width, depth) m of the rectangle that it stands on.
+    """An object: its kind, its mesh, and size (width, depth) m of the rectangle that it stands on.
 
     picture: a second mesh, with pictures of people (worlds.textures.person_pictures); None for most things.
     """
@@ -223,7 +223,7 @@ def cabinet(rng: np.random.Generator) -> Piece:
 
 
 def crates(rng: np.random.Generator) -> Piece:
-    """Boxes upon boxes."""
+    """Stacked boxes."""
     w, d = rng.uniform(0.5, 0.9), rng.uniform(0.45, 0.7)
     kinds = (*COLOURS, Surface.LABELS, Surface.LABELS, Surface.CARDBOARD, Surface.OAK)
     boxes, z, a, b = list[Shape](), 0.0, w, d
@@ -248,7 +248,7 @@ def pillar(rng: np.random.Generator, height: float) -> Piece:
 
 
 def barrel(rng: np.random.Generator) -> Piece:
-    """A drum of some liquid."""
+    """A drum for liquids."""
     r = rng.uniform(0.24, 0.3)
     return Piece("barrel", column(rng, COLOURS[int(rng.integers(4))], r, rng.uniform(0.8, 0.95)), (2 * r, 2 * r))
 
@@ -270,12 +270,12 @@ def bench(rng: np.random.Generator) -> Piece:
 
 
 CHAIR_HEIGHT, BENCH_HEIGHT = 0.47, 0.45
-"""m above the ground of the upper side of a seat."""
+"""m: heights of seats above the ground."""
 
 
 @dataclass(frozen=True, eq=False)
 class Seating:
-    """A piece and its places to sit: places (k, 3) m of x, y and height of the seat, in the frame of the piece."""
+    """A piece and its seats: places (k, 3) m, x, y and height of each seat, in the frame of the piece."""
 
     piece: Piece
     places: Array

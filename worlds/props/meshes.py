@@ -1,4 +1,4 @@
-"""Meshes of what a height field cannot represent: vaults, overhanging ledges, arches, slabs over a ditch, boulders. All are solid and convex."""
+"""Meshes of shapes that a height field cannot represent: vaults, ledges, arches, slabs, boulders. All are solid, and all but vaults convex."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from worlds.props.shapes import Shape
 from worlds.terrain.heightfield import Heightfield, Mask
 
 PERIOD = 8.0
-"""m after which a material that is laid over a mesh begins again."""
+"""m: period of a texture on a mesh."""
 STONES = 7
-"""In an arch: odd, so that one is the keystone."""
+"""Stones of an arch: odd, so that one is the keystone."""
 
 
 def wrapped(vertices: ArrayLike, faces: NDArray[np.int64], shift: ArrayLike = (0.0, 0.0)) -> Shape:
-    """A mesh with a picture laid on every face from the side that it faces most, PERIOD m to a picture, whatever way the face leans.
+    """A mesh whose faces get texture coordinates by projection along the axis closest to their normal, with the period PERIOD m.
 
-    shift (2,) m: where in the picture the mesh's origin is, so that not all pieces show the same of it.
+    shift (2,) m: position of the mesh's origin in the picture, so that pieces differ.
     No vertex is shared, so that edges are sharp, as on broken stone.
     """
     corners = np.asarray(vertices, dtype=np.float64)[faces]
@@ -35,7 +35,7 @@ def wrapped(vertices: ArrayLike, faces: NDArray[np.int64], shift: ArrayLike = (0
 
 
 def hull(points: ArrayLike, shift: ArrayLike = (0.0, 0.0)) -> Shape:
-    """The convex hull of points (n, 3) m, laid over as `wrapped` says. Raises ValueError where they lie in one plane."""
+    """The convex hull of points (n, 3) m, with texture coordinates of `wrapped`. Raises ValueError if they lie in one plane."""
     cloud = np.asarray(points, dtype=np.float64)
     if np.linalg.matrix_rank(cloud - cloud[0], tol=1e-6) < 3:
         raise ValueError(f"{len(cloud)} points lie in one plane, need a body")
@@ -71,7 +71,7 @@ def ledge(rng: np.random.Generator, size: ArrayLike) -> Shape:
 
 
 def wedge(profile: ArrayLike, depth: float, shift: ArrayLike = (0.0, 0.0)) -> Shape:
-    """A convex outline (k, 2) of x, z m, as thick as `depth` m along y, its middle at y = 0: voussoirs, gables, steps."""
+    """A convex outline (k, 2) of x, z m, extruded along y by `depth` m with its middle at y = 0: voussoirs, gables, steps."""
     outline = np.asarray(profile, dtype=np.float64)
     x, z = outline.T
     return hull(np.concatenate([np.column_stack([x, np.full(len(x), side * depth / 2), z]) for side in (-1, 1)]), shift)
@@ -85,7 +85,7 @@ def tilted(shape: Shape, pitch: float, roll: float) -> Shape:
 
 
 def arch(span: float, rise: float, ring: float, depth: float) -> list[Shape]:
-    """The STONES of a round arch over the origin, over an opening `span` m wide that begins to curve at z = `rise` m; its ring is that thick."""
+    """The STONES of a round arch over an opening `span` m wide at the origin; it springs at z = `rise` m and is `ring` m thick."""
     stones = STONES
     angle = np.linspace(np.pi, 0, stones + 1)
     inner, outer = (r * np.stack([np.cos(angle), np.sin(angle)], axis=1) + np.array([0, rise]) for r in (span / 2, span / 2 + ring))
@@ -133,7 +133,7 @@ CORNERS = 34
 
 
 def boulder(rng: np.random.Generator, size: ArrayLike) -> Shape:
-    """A stone around the origin, its half lengths size (3,) m: edges where it broke, round where it did not. Some 60 triangles."""
+    """A stone around the origin with half lengths size (3,) m: round, with a few broken facets. Some 60 triangles."""
     half = np.asarray(size, dtype=np.float64)
     direction = rng.normal(size=(CORNERS, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)

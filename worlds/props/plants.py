@@ -65,7 +65,7 @@ def _foliage(rng: np.random.Generator, colour: Array, grain: tuple[float, float]
 
 
 def broadleaf(rng: np.random.Generator, height: float) -> Plant:
-    """A tree `height` m high, its crown some clouds of leaves that begin above people's heads."""
+    """A tree about `height` m high; its crown is a group of leaf clusters above people's heads."""
     radius = 0.028 * height * rng.uniform(0.8, 1.25)
     stem = 0.62 * height
     lean = rng.normal(0, 0.02, 2) * height
@@ -81,7 +81,7 @@ def broadleaf(rng: np.random.Generator, height: float) -> Plant:
 
 
 def conifer(rng: np.random.Generator, height: float) -> Plant:
-    """A spruce or a pine: storeys of branches that hang, the lowest above people's heads."""
+    """A spruce or a pine: tiers of hanging branches, the lowest above people's heads."""
     radius = 0.024 * height * rng.uniform(0.8, 1.2)
     wood = _stem(rng, radius, 0.9 * height, np.zeros(2))
     storeys = int(rng.integers(4, 6))
@@ -104,13 +104,13 @@ def conifer(rng: np.random.Generator, height: float) -> Plant:
 
 
 def bush(rng: np.random.Generator, size: float) -> Plant:
-    """A bush `size` m high and about as wide, not to be walked through."""
+    """A bush `size` m high and about as wide, which people and rovers cannot cross."""
     clouds = [_cloud(rng, np.array([*rng.uniform(-0.25, 0.25, 2) * size, 0.42 * size]), np.array([0.42, 0.42, 0.46]) * size) for _ in range(3)]
     return Plant(_stem(rng, 0.05 * size, 0.4 * size, np.zeros(2)), joined(clouds), 0.55 * size)
 
 
 def stump(rng: np.random.Generator) -> Plant:
-    """What is left of a felled tree."""
+    """The stump of a felled tree."""
     radius = rng.uniform(0.16, 0.3)
     return Plant(_stem(rng, radius, rng.uniform(0.25, 0.6), np.zeros(2)), None, 1.35 * radius)
 
@@ -120,7 +120,7 @@ def log(rng: np.random.Generator, length: float, radius: float) -> Shape:
     angle = np.linspace(0, 2 * np.pi, SIDES, endpoint=False)
     rings = [(-length / 2, radius), (length / 2, 0.8 * radius)]
     points = np.concatenate([np.column_stack([r * np.cos(angle), r * np.sin(angle), np.full(SIDES, z)]) for z, r in rings])
-    # It gets its bark upright, where the grain runs along the stem, and falls then.
+    # The upright stem gets its texture first, so that the grain runs along it; then it is laid down.
     upright = hull(points, rng.uniform(0, PERIOD, 2))
     x, y, z = upright.vertices.T
     return Shape(np.column_stack([z, y, -x]), upright.faces, upright.texcoord)

@@ -22,10 +22,10 @@ LAMP_SIZE = 1.1
 
 
 def add_walls(spec: mujoco.MjSpec, rng: np.random.Generator, outline: ArrayLike, doors: Collection[int], size: tuple[float, float]) -> None:
-    """Walls "wall0", "wall1" ... outside of the edges of an anticlockwise outline (k, 2) m, each with a painting of its own.
+    """Walls "wall0", "wall1" ... outside of the edges of an anticlockwise outline (k, 2) m, each with a texture of its own.
 
     doors: the edges that have a closed door in their middle. size: (thickness, height above 0) m. Walls cast no shadows: light comes
-    from a bright hall around, and shadows of what is nearly parallel to the light are drawn in stripes.
+    from a bright hall around, and shadows of surfaces nearly parallel to the light show stripes.
     """
     thickness, height = size
     inner = np.asarray(outline, dtype=np.float64)
@@ -34,7 +34,7 @@ def add_walls(spec: mujoco.MjSpec, rng: np.random.Generator, outline: ArrayLike,
         n = (k + 1) % len(inner)
         width = float(np.hypot(*(inner[n] - inner[k])))
         add_material(spec, f"wall{k}", wall(rng, width, height, -FOOTING, k in doors), 0.05)
-        # Who stands inside sees the edge's end on the left and its start on the right.
+        # Seen from inside, the edge's end is on the left and its start on the right.
         ring = np.array([inner[n], inner[k], outer[k], outer[n]])
         prism(ring, -FOOTING, height).add_to(spec, f"wall{k}", f"wall{k}").castshadow = False
 
@@ -52,7 +52,7 @@ def add_partition(spec: mujoco.MjSpec, rng: np.random.Generator, name: str, ends
 
 
 def add_frame(spec: mujoco.MjSpec, rng: np.random.Generator, name: str, opening: ArrayLike, height: float) -> list[Array]:
-    """Two posts and a lintel in an opening between two points (2, 2) m of one x or one y, up to `height` m.
+    """Two posts and a lintel in an opening between two points (2, 2) m with equal x or equal y, up to `height` m.
 
     Returns the footprints (4, 2) m of the posts.
     """
@@ -76,7 +76,7 @@ def add_frame(spec: mujoco.MjSpec, rng: np.random.Generator, name: str, opening:
 
 
 def add_beam(spec: mujoco.MjSpec, rng: np.random.Generator, name: str, ends: ArrayLike, height: float) -> None:
-    """A beam under the open roof between two points (2, 2) m of one x or one y, with lamps along it. It casts no shadow."""
+    """A beam under the open roof between two points (2, 2) m with equal x or equal y, with lamps along it. It casts no shadow."""
     low, high = np.sort(np.asarray(ends, dtype=np.float64), axis=0)
     along = int(np.argmax(high - low))
     low[1 - along] -= 0.05

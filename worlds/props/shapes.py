@@ -1,4 +1,4 @@
-"""Boxes, columns and surfaces of revolution with texture coordinates, joined into one mesh a piece; and the surfaces that stand for cloth."""
+"""Boxes, columns and surfaces of revolution with texture coordinates, joined into one mesh per piece; and the surfaces used as cloth."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def joined(shapes: Sequence[Shape]) -> Shape:
 
 
 def quad(corners: ArrayLike, texture: Array) -> Shape:
-    """A plane of four corners (4, 3) m, anticlockwise from the lower left as it is looked at; texture [[u0, v0], [u1, v1]]."""
+    """A plane of four corners (4, 3) m, anticlockwise from the lower left, seen from its front; texture [[u0, v0], [u1, v1]]."""
     (u0, v0), (u1, v1) = texture
     texcoord = np.array([[u0, v1], [u1, v1], [u1, v0], [u0, v0]])
     return Shape(np.asarray(corners, dtype=np.float64), np.array([[0, 1, 2], [0, 2, 3]]), texcoord)
@@ -101,9 +101,9 @@ def column(rng: np.random.Generator, surface: Surface, radius: float, height: fl
 
 
 def prism(corners: ArrayLike, low: float, high: float) -> Shape:
-    """An upright wall over four corners (4, 2) m, anticlockwise, of which the first edge carries the whole picture; the rest its rim.
+    """An upright wall over four corners (4, 2) m, anticlockwise. Its first side shows the whole picture, the other faces the picture's rim.
 
-    The first edge goes from left to right as one who stands outside before it sees it.
+    Seen from outside, the first side runs from left to right.
     """
     return _upright(np.asarray(corners, dtype=np.float64), (low, high), [WHOLE, *[np.array([[0.0, 0.0], [0.02, 0.01]])] * 5])
 

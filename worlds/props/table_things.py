@@ -1,6 +1,6 @@
-"""What stands on tables and at them: laptops, monitors, cups, microphones, papers; office chairs, stools and coats over backs.
+"""Objects on and at tables: laptops, monitors, cups, microphones, papers; office chairs, stools and coats over backs of chairs.
 
-Things stand around their own origin, at z = 0, which is the top of the table. Their users sit at −y and look along +y.
+Objects on tables stand around their own origin; z = 0 is the top of the table. Their users sit at −y and look along +y.
 """
 
 from __future__ import annotations
@@ -65,11 +65,11 @@ def loudspeaker(rng: np.random.Generator) -> Shape:
 BEFORE_PEOPLE: tuple[tuple[Callable[[np.random.Generator], Shape], float], ...] = (
     (laptop, 0.5), (papers, 0.6), (cup, 0.6), (microphone, 0.25), (monitor, 0.06),
 )  # fmt: skip
-"""What stands before a seat, and how often."""
+"""Objects on the table before a seat, and their probabilities."""
 
 
 def laid(rng: np.random.Generator, screens: bool) -> Shape | None:
-    """What stands on a table before a seat at y = 0, or None. screens: with a monitor."""
+    """The objects on a table before a seat, as one mesh, or None; the table's edge is at y = 0. screens: with a monitor."""
     things = [monitor(rng).moved((0, 0.45, 0))] if screens else []
     for make, share in BEFORE_PEOPLE:
         if rng.random() < share and not (screens and make is monitor):
@@ -79,7 +79,7 @@ def laid(rng: np.random.Generator, screens: bool) -> Shape | None:
 
 
 def office_chair(rng: np.random.Generator, seat: float) -> Shape:
-    """A chair on a column, with a back of any height and sometimes arms. It looks along +y. seat: height m of its upper side."""
+    """A chair on a column, with a back of random height and sometimes arms. It looks along +y. seat: height m of its upper side."""
     cloth, w, top = _one(rng, CLOTH), rng.uniform(0.21, 0.26), seat + rng.uniform(0.25, 0.75)
     shape = revolved(rng, Surface.DARK, [(0.28, 0.02), (0.28, 0.05), (0.04, 0.1), (0.03, seat - 0.08)])
     shape += box(rng, cloth, (-w, -0.2, seat - 0.08), (w, 0.24, seat))

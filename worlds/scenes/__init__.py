@@ -1,3 +1,3 @@
-"""The worlds, one a file, each with its ground plan.
+"""The worlds, one per file, each with its ground plan.
 
 Read `pilsun.py` first."""

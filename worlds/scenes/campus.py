@@ -24,15 +24,15 @@ from worlds.world import World
 NAME = "campus"
 SPACING = 0.22
 RIM = 1.2
-"""m: nobody comes so near to the edge."""
+"""m: width of the blocked border."""
 PIXELS = 36.0
-"""Of the ground, a metre."""
+"""Pixels per metre of the ground's texture."""
 FREE_FOR_FEET, FREE_FOR_WHEELS = 1000.0, 600.0
-"""m²: what people and rovers need at least."""
+"""m²: least free area of people and of rovers."""
 
 
 def build(rng: np.random.Generator, difficulty: float = 0.5) -> World:
-    """The campus; seeds differ in ground, trees and light. Raises ValueError where people or rovers could not get about."""
+    """The campus; seeds differ in ground, trees and light. Raises ValueError if people or rovers have too little free space."""
     ground = _ground(rng, difficulty)
     low, high = plan.EXTENT
     site = CampusSite(mujoco.MjSpec(), ground, np.minimum(ground.nodes - low, high - ground.nodes).min(axis=2) < RIM)
@@ -57,7 +57,7 @@ def build(rng: np.random.Generator, difficulty: float = 0.5) -> World:
 
 
 def _ground(rng: np.random.Generator, difficulty: float) -> Heightfield:
-    """Level but for difficulty: kerbs, lowered here and there, a slope, mounds on the lawns; down by 0.4 m at the very edge."""
+    """Level at difficulty 0; else with kerbs, lowered here and there, a slope and mounds on the lawns. The very edge is 0.4 m lower."""
     flat = Heightfield.flat(plan.EXTENT, SPACING)
     nodes = flat.nodes
     road = np.minimum(signed_distance(nodes, plan.ROAD), signed_distance(nodes, plan.CAR_PARK))
@@ -124,7 +124,7 @@ def _lawns_and_roads(rng: np.random.Generator, ground: Heightfield) -> Canvas:
 
 
 def _enlarged(coarse: Array, shape: tuple[int, int]) -> Array:
-    """A smooth pattern on a finer grid with the same corners."""
+    """A pattern, interpolated bilinearly on a finer grid with the same corners."""
     rows, columns = (np.linspace(0, n - 1, m) for n, m in zip(coarse.shape, shape, strict=True))
     along = np.stack([np.interp(columns, np.arange(coarse.shape[1]), row) for row in coarse])
     i = np.minimum(rows.astype(np.int64), coarse.shape[0] - 2)

@@ -20,7 +20,7 @@ from worlds.terrain.polygons import covered, rectangle, signed_distance, turned
 
 EXTENT = np.array([[-31.0, -29.0], [21.0, 21.0]])
 WALKED = np.array([(-19.9, -10.9), (-17.1, -16.3), (-13.0, -15.5), (-7.1, -13.9), (7.0, -8.9), (6.8, -8.2), (-5.6, 8.5), (-6.0, 8.5), (-10.0, 3.6)])
-"""m: around all feet of the complete annotations of S1.L1 and S2.L1."""
+"""m: polygon around the foot points of all complete annotations of S1.L1 and S2.L1."""
 CAMERAS = np.array(
     [(-28.94, -19.53), (-3.70, -24.28), (-34.27, -37.5), (26.1, 75.64), (-14.64, -1.67), (-15.86, -12.99), (-2.78, -16.58), (-0.17, -3.53)]
 )
@@ -39,7 +39,7 @@ LAMPS = np.array([(-13.7, -10.6), (-3.3, 14.0), (9.5, -3.8), (-20.0, 13.0)])
 BOULDERS = np.array([(-10.7, -1.3), (4.0, -11.6), (7.5, -11.4), (10.5, -11.5), (-2.2, -13.6)])
 BENCHES = np.array([(-16.5, 6.0), (10.7, -1.3), (-23.0, 2.0), (11.7, 7.0)])
 CARS = np.array([(16.0, -4.2), (17.5, -11.2), (-2.8, 9.2), (-0.2, 9.2)])
-"""m: the first two are parked along the road and in nobody's sight."""
+"""m: the first two are parked along the road, outside of all lines of sight from cameras to people."""
 KERB_RAMPS = np.array(
     [(-10.2, 8.0), (-10.4, -4.0), (-13.2, -12.0), (-3.9, -3.2), (3.0, -5.1), (11.0, -5.1), (-4.4, -13.2), (8.0, -10.3), (-7.6, -21.0)]
 )
@@ -60,14 +60,14 @@ def kept_clear(points: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class CampusSite:
-    """What is being built. blocked (rows, columns): what something stands on."""
+    """The campus under construction. blocked: mask (rows, columns) of grid points under objects."""
 
     spec: mujoco.MjSpec
     ground: Heightfield
     blocked: Mask
 
     def stand(self, shape: Shape, name: str, material: str, place: tuple[ArrayLike, float, float]) -> mujoco.MjsGeom:
-        """Put a shape up; place: (2,) m, m over the lowest ground under it, yaw rad."""
+        """Place a shape; place: (2,) m, m over the lowest ground under it, yaw rad."""
         (x, y), above, yaw = np.asarray(place[0], dtype=np.float64), place[1], place[2]
         return shape.add_to(self.spec, name, material, [x, y, self.low((x, y)) + above], yaw)
 
@@ -85,7 +85,7 @@ class CampusSite:
 
 
 def buildings(site: CampusSite) -> None:
-    """Brick with rows of windows and a flat roof; and a hut."""
+    """A brick building with rows of windows and a flat roof, and a hut."""
     for k, (corners, top) in enumerate(((BUILDING, 6.6), (HUT, 3.0))):
         low, high = corners.min(axis=0), corners.max(axis=0)
         middle, size = (low + high) / 2, high - low
@@ -100,7 +100,7 @@ def buildings(site: CampusSite) -> None:
 
 
 def _windows(site: CampusSite, what: tuple[str, bool], along: tuple[float, float], at: tuple[float, float]) -> None:
-    """A band of glass in a dark red frame along x or y, a hand before the wall."""
+    """A band of glass in a dark red frame along x or y, a few centimetres in front of the wall."""
     name, west = what
     side, sill = at
 
@@ -117,7 +117,7 @@ def _windows(site: CampusSite, what: tuple[str, bool], along: tuple[float, float
 
 
 def furniture(rng: np.random.Generator, site: CampusSite, difficulty: float) -> None:
-    """Stones at the kerbs, benches, cars in the car park; all where nobody of PETS walks."""
+    """Stones at the kerbs, benches, cars in the car park; all off the paths of people in PETS 2009."""
     for k, place in enumerate(BOULDERS):
         shape = hull([(x * rng.uniform(0.16, 0.24), y * rng.uniform(0.16, 0.24), z) for x in (-1, 1) for y in (-1, 1) for z in (-0.3, 0.2)]
                      + [(0.05, 0.0, rng.uniform(0.34, 0.45))], rng.uniform(0, PERIOD, 2))  # fmt: skip
@@ -177,7 +177,7 @@ def _free_spots(rng: np.random.Generator, site: CampusSite, difficulty: float, g
     left = spots[fit].tolist()
 
     def spot() -> Array:
-        """The next that nothing stands on yet."""
+        """The next place that is still free; NaN if there is none."""
         while left:
             place = np.array(left.pop())
             if not site.blocked[covered(site.ground, rectangle(place, (2 * gap, 2 * gap)))].any():
@@ -211,7 +211,7 @@ def trees(rng: np.random.Generator, site: CampusSite, difficulty: float) -> None
 
 
 def surroundings(rng: np.random.Generator, site: CampusSite) -> None:
-    """A low hedge around the lawns, open where roads leave, and tall trees far behind it, none of them before a camera."""
+    """A low hedge around the lawns, open where roads leave, and tall trees far behind it, outside of the cameras' lines of sight."""
     low, high = EXTENT
     corners = [low + 0.5, np.array([high[0] - 0.5, low[1] + 0.5]), high - 0.5, np.array([low[0] + 0.5, high[1] - 0.5])]
     number = 0

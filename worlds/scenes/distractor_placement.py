@@ -1,4 +1,4 @@
-"""Placement of distractors and of seats in a ready world: beside the ways of people, without closing any."""
+"""Placement of distractors and of seats on the free space of a complete world, which stays connected."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ LEAST_REMAINING = 0.98
 """Share of free space, less the footprint's own surroundings, that must stay connected."""
 TRIES = 80
 CHAIR_TRIES, PIECE_TRIES = 4, 4
-"""How many pieces are drawn for one seat, and for one distractor, before the world counts as full."""
+"""Numbers of pieces that are drawn for one seat, and for one distractor, before the world counts as full."""
 
 
 Spaces = tuple[FreeSpace, FreeSpace]
-"""What is left free of a world that is being furnished, for feet and for wheels."""
+"""Remaining free space of a world while it is furnished, for feet and for wheels."""
 
 
 def with_distractors(world: World, rng: np.random.Generator, count: int) -> World:
     """The world with `count` distractors on the free space of feet; the same world for 0.
 
-    Kinds follow each other in random order. The free spaces of feet and wheels are smaller by their footprints and stay connected.
-    Raises ValueError where fewer than `count` fit.
+    Kinds are random. The free spaces of feet and wheels shrink by the footprints and stay connected.
+    Raises ValueError if fewer than `count` fit.
     """
     if not count:
         return world
@@ -63,7 +63,7 @@ def with_distractors(world: World, rng: np.random.Generator, count: int) -> Worl
 def with_seats(world: World, rng: np.random.Generator, count: int) -> World:
     """The world with chairs, benches and tables where `count` people or a few more can sit; the same world for 0.
 
-    Free space is smaller by them, as `with_distractors` says. Raises ValueError where fewer than `count` fit.
+    Free space shrinks as in `with_distractors`. Raises ValueError if fewer than `count` people can sit.
     """
     if not count:
         return world
@@ -71,7 +71,7 @@ def with_seats(world: World, rng: np.random.Generator, count: int) -> World:
     add_material(spec, SEATS, atlas(rng))
     number, failed = 0, 0
     while len(seats) < count:
-        # Where a bench or a table has not fitted in, a chair may.
+        # If a bench or a table has not fitted in, a chair may.
         seating = single_chair(rng) if failed else SEATINGS[int(rng.integers(len(SEATINGS)))](rng)
         for smaller, on, yaw in _places(world, left, rng, seating.piece):
             left, failed = smaller, 0
@@ -89,13 +89,13 @@ def with_seats(world: World, rng: np.random.Generator, count: int) -> World:
 
 
 def _places(world: World, left: Spaces, rng: np.random.Generator, piece: Piece) -> Iterator[tuple[Spaces, Array, float]]:
-    """Random places for a piece, at most TRIES of them: what is free then, position (3,) m and yaw rad."""
+    """Random places for a piece, at most TRIES of them: the remaining free space, position (3,) m and yaw rad."""
     free = left[0].points(left[0].free)
     for _ in range(TRIES):
         place, yaw = free[int(rng.integers(len(free)))], float(rng.uniform(-np.pi, np.pi))
         corners = piece.footprint(place, yaw)
         heights = world.terrain.height_at(np.concatenate([corners, [place]]))
-        # Corners that are free keep wide pieces out of walls and of each other.
+        # Free corners keep wide pieces out of walls and out of each other.
         if not left[0].free_at(corners).all() or np.ptp(heights) > LEVEL or _near_spawn(world.spawn, corners):
             continue
         feet, wheels = (_without(space, corners, kind.half_width) for space, kind in zip(left, (FEET, WHEELS), strict=True))
@@ -109,7 +109,7 @@ def _near_spawn(spawn: Array, corners: Array) -> bool:
 
 
 def _without(space: FreeSpace, corners: Array, half_width: float) -> FreeSpace | None:
-    """Free space less a footprint and the walker's half width around it; None where that would cut something off."""
+    """Free space less a footprint and the walker's half width around it; None if less than LEAST_REMAINING would stay connected."""
     rows, columns = space.free.shape
     x, y = (space.origin[k] + space.spacing * np.arange(n) for k, n in ((0, columns), (1, rows)))
     taken = signed_distance(np.stack(np.meshgrid(x, y), axis=-1), corners) <= half_width + 0.5 * space.spacing

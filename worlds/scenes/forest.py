@@ -1,4 +1,4 @@
-"""A forest: trunks close to each other, roots around them, hollows, fallen stems, stumps, and light that falls in spots."""
+"""A forest: trunks close to each other, roots around them, hollows, fallen stems, stumps, and spots of sunlight."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ NAME = "forest"
 SPACING, HALF = 0.18, 14.5
 FLOOR = Soil((118, 96, 66), (92, 98, 54), (104, 82, 58), 0.5, 2.2)
 FREE_FOR_FEET, FREE_FOR_WHEELS = 230.0, 90.0
-"""m²: what people and rovers need at least."""
+"""m²: least free area of people and of rovers."""
 
 
 def build(rng: np.random.Generator, difficulty: float = 0.5) -> World:
-    """A forest; no two alike. Raises ValueError where people or rovers could not get about in it."""
+    """A forest; seeds differ. Raises ValueError if people or rovers have too little free space."""
     flat = Heightfield.flat([[-HALF, -HALF], [HALF, HALF]], SPACING)
     plan = OutdoorSite(NAME, flat, HALF)
-    # Where trees will stand decides where roots lift the ground.
+    # The places of trees come first, since roots lift the ground around them.
     stems = plan.spots(rng, 26 + round(26 * difficulty), 1.9 - 0.1 * difficulty)
     ground = flat.with_heights(_heights(rng, flat.nodes, stems, difficulty))
     site = OutdoorSite(NAME, ground, HALF)
@@ -51,7 +51,7 @@ def _heights(rng: np.random.Generator, nodes: Array, stems: Array, difficulty: f
     z = swell(rng, nodes, 8.0, 0.2 + 0.6 * difficulty) + swell(rng, nodes, 2.6, 0.05 + 0.12 * difficulty)
     z = z + swell(rng, nodes, 0.8, 0.01 + 0.02 * difficulty)
     for _ in range(3 + round(7 * difficulty)):
-        # Where a tree was torn out there is a dip, and a mound beside it.
+        # An uprooted tree leaves a dip, and a mound beside it.
         place, wide = rng.uniform(-HALF + 4, HALF - 4, 2), rng.uniform(0.7, 1.3)
         away = rng.uniform(-np.pi, np.pi)
         for sign, middle in ((-1.0, place), (0.6, place + 1.7 * wide * np.array([np.cos(away), np.sin(away)]))):
@@ -61,7 +61,7 @@ def _heights(rng: np.random.Generator, nodes: Array, stems: Array, difficulty: f
 
 
 def _roots(rng: np.random.Generator, nodes: Array, stems: Array, difficulty: float) -> Array:
-    """(rows, columns) m: ridges that run out from every stem and lose themselves."""
+    """Heights (rows, columns) m of ridges that run out from every stem and fade."""
     lift = np.zeros(nodes.shape[:2])
     for stem in stems:
         away = nodes - stem
@@ -77,7 +77,7 @@ def _roots(rng: np.random.Generator, nodes: Array, stems: Array, difficulty: flo
 
 
 def _fallen(rng: np.random.Generator, site: OutdoorSite, place: Array) -> None:
-    """A stem on the ground, its ends where the ground holds them."""
+    """A fallen stem, inclined as the ground under its ends."""
     length, radius, yaw = rng.uniform(1.8, 4.0), rng.uniform(0.13, 0.24), rng.uniform(-np.pi, np.pi)
     ahead = np.array([np.cos(yaw), np.sin(yaw)])
     under = covered(site.ground, rectangle(place, (length + 0.2, 2 * radius), yaw), 0.5 * SPACING)

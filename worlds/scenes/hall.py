@@ -1,6 +1,6 @@
 """A hall: a room, or a square in the open, of a given extent. At difficulty 0 it is flat and empty, so that given paths fit into it.
 
-With difficulty come pillars, furniture and low walls, and the ground heaves. Places that the plan keeps clear stay free of them.
+Difficulty adds pillars, furniture, low walls and uneven ground. Places that the plan keeps clear stay free of objects.
 A text gives the extent, as in `--world hall:room=7.7x3.4`: room or square, then length x width in m around the origin, or X0:Y0:X1:Y1, its corners.
 """
 
@@ -37,11 +37,11 @@ SUNK, PLAIN = 0.4, 0.3
 FAR = 250.0
 """m: of the plain around a square, from its middle."""
 BODY = 0.6
-"""m: nothing stands so near to a place that is kept clear."""
+"""m: objects are farther than this from places that are kept clear."""
 TILED = 600.0
 """m²: larger floors have no tiles, whose texture would be too large."""
 FREE_FOR_FEET, FREE_FOR_WHEELS = 0.4, 0.25
-"""Shares of the floor."""
+"""Least free shares of the floor."""
 PAVING = Soil((150, 146, 140), (172, 168, 160), (128, 124, 118), 1.2, 6.0)
 PILLAR_HEIGHT = 3.4
 """m: of pillars on a square."""
@@ -128,7 +128,7 @@ def _number(word: str) -> float:
 
 
 def build(rng: np.random.Generator, difficulty: float = 0.5, plan: HallPlan | None = None) -> World:
-    """A hall by its plan, or a room of random size without one. Raises ValueError where people or rovers could not get about in it."""
+    """A hall by its plan, or a room of random size without one. Raises ValueError if people or rovers have too little free space."""
     plan = _drawn(rng) if plan is None else plan
     ground = _ground(rng, plan, difficulty)
     spec = mujoco.MjSpec()
@@ -147,7 +147,7 @@ def build(rng: np.random.Generator, difficulty: float = 0.5, plan: HallPlan | No
 
 
 def _ground(rng: np.random.Generator, plan: HallPlan, difficulty: float) -> Heightfield:
-    """Level at difficulty 0; otherwise it heaves, most over lengths of a few strides."""
+    """Level at difficulty 0; otherwise uneven at wavelengths of 1.4 and 3.5 m, and in squares also of 16 m."""
     spacing, margin = (SPACING, 0.5) if plan.walled else (SQUARE_SPACING, RIM)
     low, high = plan.extent[0] - margin, plan.extent[1] + margin
     flat = Heightfield.flat([np.floor(low / spacing) * spacing, np.ceil(high / spacing) * spacing], spacing)
@@ -155,7 +155,7 @@ def _ground(rng: np.random.Generator, plan: HallPlan, difficulty: float) -> Heig
     uneven = difficulty * (swell(rng, nodes, 3.5, 0.07) + swell(rng, nodes, 1.4, 0.06))
     if plan.walled:
         return flat.with_heights(plan.level + uneven)
-    # Never down to the plain around it.
+    # The square never sinks to the plain around it.
     uneven = np.maximum(uneven + difficulty * swell(rng, nodes, 16.0, 0.3), 0.1 - PLAIN)
     beyond = np.maximum(plan.extent[0] - nodes, nodes - plan.extent[1]).max(axis=2)
     rim = np.clip(1 - beyond / (RIM - 1.0), 0, 1)
@@ -190,7 +190,7 @@ def _given_pillars(spec: mujoco.MjSpec, plan: HallPlan, furnishing: Furnishing) 
 
 
 def _furnish(spec: mujoco.MjSpec, rng: np.random.Generator, plan: HallPlan, furnishing: Furnishing, difficulty: float) -> None:
-    """Pillars first, then what stands along walls, then what stands about; what finds no place stays away."""
+    """Pillars first, then pieces along walls, then free-standing pieces; pieces without a place are left out."""
     amount = difficulty * (plan.area / 100) ** 0.75
     edges = np.stack([plan.outline, np.roll(plan.outline, -1, axis=0)], axis=1)
     tall = plan.wall_height if plan.walled else PILLAR_HEIGHT
@@ -204,7 +204,7 @@ def _furnish(spec: mujoco.MjSpec, rng: np.random.Generator, plan: HallPlan, furn
 
 
 def _near(ground: Heightfield, places: Array, radius: float) -> Mask:
-    """(rows, columns) whether a grid point is at most `radius` m from one of the places (n, 2) m."""
+    """Mask (rows, columns) of grid points at most `radius` m from one of the places (n, 2) m."""
     rows, columns = ground.heights.shape
     j, i = np.rint((places - ground.origin) / ground.spacing).astype(np.int64).T
     inside = (i >= 0) & (j >= 0) & (i < rows) & (j < columns)
@@ -214,6 +214,6 @@ def _near(ground: Heightfield, places: Array, radius: float) -> Mask:
 
 
 def _entrances(feet: FreeSpace, rng: np.random.Generator) -> Array:
-    """Four spawn areas, small ones in small rooms. Raises ValueError where there is no room for them."""
+    """Four spawn areas, small ones in small rooms. Raises ValueError if there is no room for them."""
     deepest = float(feet.clearance.max()) - feet.spacing
     return spawn_areas(feet, rng, 4, float(np.clip(1.2 * deepest, 0.3, 1.2)))

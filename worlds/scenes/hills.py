@@ -1,4 +1,4 @@
-"""Rolling meadows: hills and hollows, a sunken track with worn edges, rocks that look out of the grass, bushes and single trees."""
+"""Rolling meadows: hills and hollows, a sunken track with worn edges, rocks in the grass, bushes and single trees."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ NAME = "hills"
 SPACING, HALF = 0.2, 16.0
 MEADOW = Soil((106, 128, 62), (136, 138, 74), (140, 116, 86), 0.42, 4.5)
 FREE_FOR_FEET, FREE_FOR_WHEELS = 350.0, 150.0
-"""m²: what people and rovers need at least."""
+"""m²: least free area of people and of rovers."""
 
 
 def build(rng: np.random.Generator, difficulty: float = 0.5) -> World:
-    """Hills; no two alike. Raises ValueError where people or rovers could not get about on them."""
+    """Hills; seeds differ. Raises ValueError if people or rovers have too little free space."""
     flat = Heightfield.flat([[-HALF, -HALF], [HALF, HALF]], SPACING)
     track = _track(rng, flat.nodes)
     ground = flat.with_heights(_heights(rng, flat.nodes, track, difficulty))
@@ -40,7 +40,7 @@ def build(rng: np.random.Generator, difficulty: float = 0.5) -> World:
 
 
 def _track(rng: np.random.Generator, nodes: Array) -> Array:
-    """(rows, columns) m from the middle of a way that winds across the place."""
+    """Distance (rows, columns) m from the centre line of a track that winds across the world."""
     yaw = rng.uniform(-np.pi, np.pi)
     along, across = nodes @ np.array([np.cos(yaw), np.sin(yaw)]), nodes @ np.array([-np.sin(yaw), np.cos(yaw)])
     bend = rng.uniform(2.0, 4.0) * np.sin(along / rng.uniform(4.0, 5.5) + rng.uniform(0, 6))
@@ -49,10 +49,10 @@ def _track(rng: np.random.Generator, nodes: Array) -> Array:
 
 def _heights(rng: np.random.Generator, nodes: Array, track: Array, difficulty: float) -> Array:
     z = swell(rng, nodes, 11.0, 0.5 + 0.95 * difficulty) + swell(rng, nodes, 5.0, 0.12 + 0.26 * difficulty)
-    # Tussocks, but not where carts went.
+    # Tussocks, lower on the track.
     worn = np.clip(track / 1.2, 0.25, 1.0)
     z = z + worn * (swell(rng, nodes, 1.6, 0.03 + 0.08 * difficulty) + swell(rng, nodes, 0.7, 0.01 + 0.02 * difficulty))
-    # The track has cut itself in, here more, there not at all, where one drives across; its edges are the steps of this place.
+    # The depth of the track varies; where it is 0, rovers can cross. Its edges are the steps of this world.
     depth = (0.06 + 0.12 * difficulty) * np.clip(0.5 + swell(rng, nodes, 6.0, 1.2), 0, 1)
     z = z - depth * np.clip((1.15 - track) / 0.25, 0, 1)
     return np.asarray(z + embankment(rng, nodes, HALF, 1.6 + 1.2 * difficulty))

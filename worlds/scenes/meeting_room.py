@@ -1,7 +1,7 @@
 """Rooms in which people sit: meetings around a table, offices, canteens, bars, and rows of chairs before a screen.
 
-Windows are brighter than any camera can show, screens show people, and coats hang over chairs. The floor is level.
-They are for training the detector of people alone. Rovers cannot get about in most of them, so that they are not in the catalogue.
+Windows saturate all cameras, screens show people, and coats hang over chairs. The floor is level.
+These rooms only train the detector of people. Most are too narrow for rovers, so that they are not in the catalogue.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ SPACING, MARGIN, THICKNESS = 0.125, 0.5, 0.2
 SIDES = (4.5, 11.0), (4.0, 8.0)
 """m: bounds of length and width."""
 WAY = 1.3
-"""m: at least between the walls and the tables."""
+"""m: least distance between walls and tables."""
 LEAST_FREE = 1.5, 0.5
-"""m² for feet and for wheels."""
+"""m²: least free area of feet and of wheels."""
 KINDS = {"meeting": 0.5, "office": 0.15, "canteen": 0.12, "bar": 0.08, "rows": 0.15}
-"""Kind of room → its share."""
+"""Kind of room → its probability."""
 COAT_SHARE, EMPTY_SHARE = 0.25, 0.12
-"""Shares of the seats with a coat over the back, and of those that are a chair on which nobody may sit."""
+"""Shares of the chairs with a coat over the back, and of those that stay empty."""
 DAYLIGHT = ((1.0, 1.0, 1.0), (0.93, 0.96, 1.0), (0.75, 0.83, 0.9), (0.6, 0.66, 0.6))
 """Colours of what windows show."""
 
 
 @dataclass(eq=False)
 class _Table:
-    """A table, or a row without one. size (length, width) and height m, yaw rad; reach: m from its edge to the seats; seat: their height m."""
+    """A table with seats, or a row of seats alone. size (length, width) and height m, yaw rad; reach: m from edge to seats; seat: their height m."""
 
     place: Array
     size: tuple[float, float]
@@ -56,7 +56,7 @@ class _Table:
     screens: bool = False
 
     def seats(self) -> Array:
-        """Places (k, 3): x, y m and the direction rad in which one looks; in the frame of the room."""
+        """Seats (k, 3) in the frame of the room: x, y m and the direction rad in which the sitter faces."""
         length, width = self.size
         count = max(1, int((length - 0.1) / self.apart))
         along = self.apart * (np.arange(count) - (count - 1) / 2)
@@ -77,7 +77,7 @@ class _Table:
 
 @dataclass(eq=False)
 class _Room:
-    """A room in the making. sides (2,) m. shape: all furniture as one mesh. seats: x, y, height m and direction rad. taken: what blocks feet."""
+    """A room under construction. sides (2,) m. shapes: furniture. seats: x, y, height m, direction rad. taken: mask of blocked grid points."""
 
     rng: np.random.Generator
     sides: Array
@@ -95,7 +95,7 @@ class _Room:
 
 
 def build(rng: np.random.Generator) -> World:
-    """A room with furniture and seats. Raises ValueError where nobody could stand or walk in it."""
+    """A room with furniture and seats. Raises ValueError if people or rovers have too little free space."""
     sides = np.array([rng.uniform(*bounds) for bounds in SIDES])
     outline = rectangle((0, 0), sides)
     half = np.ceil((sides / 2 + MARGIN) / SPACING) * SPACING
@@ -117,7 +117,7 @@ def build(rng: np.random.Generator) -> World:
         _furnish(room, table)
     _along_walls(room)
     geom = joined(room.shapes).add_to(spec, "furniture", "furniture")
-    # Its hull is the room.
+    # Its convex hull would fill the room.
     geom.contype = geom.conaffinity = 0
     feet, wheels = walkers_spaces(NAME, ground, room.taken, LEAST_FREE)
     deepest = float(feet.clearance.max()) - feet.spacing
@@ -160,7 +160,7 @@ def _canteen(room: _Room) -> list[_Table]:
 
 
 def _bar(room: _Room) -> list[_Table]:
-    """A counter with stools before it; behind it people stand."""
+    """A counter with stools in front; people stand behind it."""
     rng, length = room.rng, min(room.rng.uniform(2.0, 5.0), room.sides[0] - 1.6)
     place = np.array([rng.uniform(-0.3, 0.3), room.sides[1] / 2 - rng.uniform(1.3, 2.0)])
     return [_Table(place, (length, 0.6), rng.uniform(1.0, 1.2), sides="r", reach=0.15, seat=rng.uniform(0.66, 0.78), apart=0.7)]
@@ -179,7 +179,7 @@ _LAYOUTS = {"meeting": _meeting, "office": _office, "canteen": _canteen, "bar": 
 
 
 def _furnish(room: _Room, table: _Table) -> None:
-    """The table, its chairs, and what is on it."""
+    """The table, its chairs, and the objects on it."""
     rng = room.rng
     if table.height:
         room.add(_slab(rng, table), rectangle(table.place, table.size, table.yaw))
@@ -239,7 +239,7 @@ def _along_walls(room: _Room) -> None:
 
 
 def _light_surfaces(spec: mujoco.MjSpec, room: _Room) -> None:
-    """A ceiling with lamps, and windows that are brighter than any camera can show, with frames."""
+    """A ceiling with lamps, and windows with frames that saturate all cameras."""
     rng, (length, width) = room.rng, room.sides
     shade = rng.uniform(0.35, 0.75)
     ceiling = np.array([0.0, 0.0, room.height + 0.05]), np.array([length / 2 + 0.2, width / 2 + 0.2, 0.05])
@@ -263,7 +263,7 @@ def _light_surfaces(spec: mujoco.MjSpec, room: _Room) -> None:
 
 
 def _panel(spec: mujoco.MjSpec, name: str, at: tuple[Array, Array], colour: tuple[float, float, float], emission: float) -> None:
-    """A box that gives light of its own. at: its middle and its half sizes (3,) m."""
+    """An emissive box. at: its middle and its half sizes (3,) m."""
     material = spec.add_material(name=name, emission=emission, specular=0.0)
     material.rgba = [*colour, 1.0]
     geom = spec.worldbody.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_BOX, pos=at[0], size=at[1], material=name, group=1)

@@ -1,4 +1,4 @@
-"""What outdoor worlds share: an embankment around them, sun and sky, objects with gaps between them, and free space."""
+"""Common parts of outdoor worlds: an embankment around them, sun and sky, objects with gaps between them, and free space."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from worlds.textures.materials import FAIR_SKY, Canvas, add_material, add_open_a
 from worlds.world import World
 
 RIM = 3.0
-"""m: the embankment is that wide; nobody gets up on it."""
+"""m: width of the embankment; its outer part is blocked."""
 ENTRANCES = 4
 
 
 def embankment(rng: np.random.Generator, nodes: Array, half: float, height: float) -> Array:
-    """(rows, columns) m: flat within, at its outer edge `height` m high and as uneven, over a square of half length `half` m."""
-    # Its foot wanders, so that the place is no square.
+    """Heights (rows, columns) m of a bank along a square of half side `half` m: 0 inside, about `height` m at the edge, with uneven ground."""
+    # Its foot is irregular, so that the world is no square.
     beyond = np.abs(nodes).max(axis=2) - (half - RIM) + swell(rng, nodes, 6.0, 0.8)
     share = np.clip(beyond / RIM, 0, 1)
     return height * share**1.3 + share * swell(rng, nodes, 3.0, 0.3 * height)
@@ -33,7 +33,7 @@ def embankment(rng: np.random.Generator, nodes: Array, half: float, height: floa
 
 @final
 class OutdoorSite:
-    """A scene in the open under work: what stands where, on the grid of the ground."""
+    """An outdoor scene under construction, with a mask of occupied grid points."""
 
     def __init__(self, name: str, ground: Heightfield, half: float) -> None:
         """half: half of the square's side, m."""
@@ -45,7 +45,7 @@ class OutdoorSite:
         self._count: dict[str, int] = {}
 
     def paint(self, pictures: dict[str, Canvas], rng: np.random.Generator) -> None:
-        """The ground's own picture and other materials by name, a fair sky, and the sun from anywhere."""
+        """Add materials by name, among them the ground's, a fair sky, and a sun of random azimuth."""
         for material, canvas in pictures.items():
             add_material(self.spec, material, canvas, 0.04)
         add_open_air(self.spec, rng, self.ground, FAIR_SKY, 0.75)
@@ -57,24 +57,24 @@ class OutdoorSite:
         return f"{kind}{number}"
 
     def spots(self, rng: np.random.Generator, count: int, gap: float, where: Mask | None = None) -> Array:
-        """At most `count` places (k, 2) m that are `gap` m from each other and from what stands there; where: grid points that may be chosen."""
+        """At most `count` places (k, 2) m, at least `gap` m from each other and from objects; where: mask of grid points that may be chosen."""
         room = ndimage.distance_transform_edt(~self.blocked) * self.ground.spacing > gap
         candidates = rng.permutation(self.nodes[room if where is None else room & where])
         return _apart(candidates, count, gap)
 
     def rim(self, rng: np.random.Generator, count: int, gap: float) -> Array:
-        """At most `count` places (k, 2) m on the embankment, `gap` m apart."""
+        """At most `count` places (k, 2) m on the embankment, at least `gap` m apart."""
         low, high = self.ground.extent
         edge = np.minimum(self.nodes - low, high - self.nodes).min(axis=2)
         candidates = rng.permutation(self.nodes[self.blocked & (edge > 0.3) & (edge < 0.6 * RIM)])
         return _apart(candidates, count, gap)
 
     def block(self, place: ArrayLike, radius: float) -> None:
-        """Something round stands at place (2,) m."""
+        """Mark a disc of that radius m around place (2,) m as occupied."""
         self.blocked |= np.hypot(*np.moveaxis(self.nodes - np.asarray(place), -1, 0)) <= radius + 0.5 * self.ground.spacing
 
     def plant(self, rng: np.random.Generator, kind: str, make: Callable[[np.random.Generator], Plant], places: Array) -> None:
-        """Put plants in the ground at places (k, 2) m, turned anyhow, and block where they stand."""
+        """Put plants in the ground at places (k, 2) m, with random yaws, and block where they stand."""
         for place in places:
             plant, yaw = make(rng), rng.uniform(-np.pi, np.pi)
             plant.stand(self.spec, self.name_of(kind), [*place, self.ground.lowest_around(place, plant.radius)], yaw)
@@ -89,13 +89,13 @@ class OutdoorSite:
         self.block(place, radius)
 
     def world(self, rng: np.random.Generator, feet_area: float, wheels_area: float) -> World:
-        """The world as it stands. Raises ValueError where people or rovers have less room than that, m²."""
+        """The finished world. Raises ValueError if people or rovers have less free space than these areas, m²."""
         feet, wheels = walkers_spaces(self.name, self.ground, self.blocked, (feet_area, wheels_area))
         return World(self.name, self.spec, self.ground, feet, wheels, spawn_areas(feet, rng, ENTRANCES))
 
 
 def _apart(candidates: Array, count: int, gap: float) -> Array:
-    """At most `count` of the candidates (n, 2) m, the first first, that are `gap` m from each other."""
+    """At most `count` of the candidates (n, 2) m, in their order, that are at least `gap` m from each other."""
     chosen: list[Array] = []
     while len(chosen) < count and len(candidates):
         chosen.append(candidates[0])

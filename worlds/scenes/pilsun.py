@@ -1,4 +1,4 @@
-"""A small indoor laboratory with an uneven floor: a platform with ramps and stairs, a ledge, a rough patch, furniture, three ways in.
+"""A small indoor laboratory with an uneven floor: a platform with ramps and stairs, a ledge, a rough patch, furniture, three entrances.
 
 After the test site of the paper: some 14 x 11 m, four small robots and about ten people.
 """
@@ -32,7 +32,7 @@ RAMP_WIDTH, TREAD = 1.7, 0.42
 class PilsunPlan:
     """The ground plan, in m; polygons (k, 2) are anticlockwise.
 
-    * outline: of the inside. doors: its edges at the far ends of the alcoves.
+    * outline: of the inside. doors: indices of its edges at the far ends of the alcoves.
     * openings (3, 2, 2): where the alcoves begin. spawn (3, 2, 2): areas in them.
     * partition (2, 2): the ends of a wall within the room.
     * platform: a polygon, `height` m high. stair; ramps (2, 2, 2): foot and top of each.
@@ -80,7 +80,7 @@ class PilsunPlan:
 
 
 def draw(rng: np.random.Generator, difficulty: float) -> PilsunPlan:
-    """Ways in west, south and east; platform north-east, ledge south-west, partition north; then, maybe, mirrored."""
+    """Entrances west, south and east; platform north-east, ledge south-west, partition north; then a random reflection in x and y."""
     west, south, east = rng.uniform(-7.2, -6.8), rng.uniform(-5.7, -5.3), rng.uniform(6.8, 7.2)
     north_west, north_east, cut = rng.uniform(5.2, 5.7), rng.uniform(5.2, 5.7), rng.uniform(0.8, 1.6)
     a, b, c = rng.uniform(-0.8, 1.8), rng.uniform(-3.9, -3.0), rng.uniform(-0.6, 1.4)
@@ -92,7 +92,7 @@ def draw(rng: np.random.Generator, difficulty: float) -> PilsunPlan:
         (west, c + w), (west - d, c + w), (west - d, c), (west, c),
     ]  # fmt: skip
     openings = [[(a, south), (a + w, south)], [(east, b), (east, b + w)], [(west, c), (west, c + w)]]
-    # People enter with their shoulders off the door frame and the walls.
+    # Spawn areas keep people's shoulders off the door frame and the walls.
     i, j = 0.56, 0.45
     spawn = [
         [(a + i, south - d + j), (a + w - i, south)],
@@ -138,12 +138,12 @@ def _ledge(rng: np.random.Generator, west: float, south: float) -> Array:
 
 NAME = "pilsun"
 SPACING = 0.125
-# At least this share of the floor must be free for feet, and a room's worth of it for wheels.
+# Least shares of the floor that must be free for feet and for wheels.
 FREE_FOR_FEET, FREE_FOR_WHEELS = 0.6, 0.3
 
 
 def build(rng: np.random.Generator, difficulty: float = 0.5) -> World:
-    """A laboratory; no two of them alike. Raises ValueError where people or rovers could not get about in it."""
+    """A laboratory; seeds differ. Raises ValueError if people or rovers have too little free space."""
     plan = draw(rng, difficulty)
     ground = _ground(rng, plan, difficulty)
     spec = mujoco.MjSpec()
@@ -190,7 +190,7 @@ def _floor(rng: np.random.Generator, plan: PilsunPlan, ground: Heightfield) -> C
 
 
 def _rooms(spec: mujoco.MjSpec, rng: np.random.Generator, plan: PilsunPlan, ground: Heightfield) -> Furnishing:
-    """Walls and what is fixed to them, and what must stay clear of furniture."""
+    """Walls, frames and beams, and areas that must stay clear of furniture."""
     furnishing = Furnishing(ground, plan.outline)
     add_walls(spec, rng, plan.outline, plan.doors, (WALL_THICKNESS, WALL_HEIGHT))
     furnishing.take(add_partition(spec, rng, "partition", plan.partition, (0.16, 2.3)))
@@ -207,7 +207,7 @@ def _rooms(spec: mujoco.MjSpec, rng: np.random.Generator, plan: PilsunPlan, grou
 
 
 def _furnish(spec: mujoco.MjSpec, rng: np.random.Generator, plan: PilsunPlan, furnishing: Furnishing, difficulty: float) -> None:
-    """Pillars first, then what stands along walls, then what stands about; what finds no place stays away. Chairs stand before tables."""
+    """Pillars first, then pieces along walls, then free-standing pieces; pieces without a place are left out. Chairs stand before tables."""
     edges = np.stack([plan.outline, np.roll(plan.outline, -1, axis=0)], axis=1)
     long = edges[np.hypot(*(edges[:, 1] - edges[:, 0]).T) > 2.2]
     standing: list[Maker] = [lambda r: furniture.pillar(r, WALL_HEIGHT)] * 2

@@ -20,11 +20,11 @@ STONE = Soil((178, 164, 138), (154, 140, 118), (200, 190, 166), 0.5, 3.0)
 RISE = (0.35, 0.75)
 """m from one terrace to the next at difficulty 0 and 1."""
 FREE_FOR_FEET, FREE_FOR_WHEELS = 260.0, 110.0
-"""m²: what people and rovers need at least."""
+"""m²: least free area of people and of rovers."""
 
 
 def build(rng: np.random.Generator, difficulty: float = 0.5) -> World:
-    """A quarry; no two alike. Raises ValueError where people or rovers could not get about in it."""
+    """A quarry; seeds differ. Raises ValueError if people or rovers have too little free space."""
     flat = Heightfield.flat([[-HALF, -HALF], [HALF, HALF]], SPACING)
     ground, faces = _terraces(rng, flat, difficulty)
     site = OutdoorSite(NAME, ground, HALF)
@@ -43,13 +43,13 @@ def build(rng: np.random.Generator, difficulty: float = 0.5) -> World:
 
 
 def _terraces(rng: np.random.Generator, flat: Heightfield, difficulty: float) -> tuple[Heightfield, Mask]:
-    """The ground, and where its faces are."""
+    """The ground, and a mask (rows, columns) of its steep faces."""
     nodes, rise = flat.nodes, RISE[0] + (RISE[1] - RISE[0]) * difficulty
     shape = nodes.shape[:2]
     yaw = rng.uniform(-np.pi, np.pi)
     tilt = nodes @ np.array([np.cos(yaw), np.sin(yaw)]) / HALF
     level = 2.0 + 1.4 * tilt + 1.3 * fractal(rng, shape, 13.0 / SPACING, 2)
-    # In units of terraces: flat, then up over a part of the way that is narrow at a face and wide on a ramp.
+    # In units of terraces: flat, then rising over an interval that is narrow at a face and wide on a ramp.
     number, part = np.floor(level), level - np.floor(level)
     ramp = np.clip(0.5 + 3.5 * fractal(rng, shape, 7.0 / SPACING, 2), 0, 1)
     wide = 0.04 + 0.9 * ramp**1.5
@@ -63,7 +63,7 @@ def _terraces(rng: np.random.Generator, flat: Heightfield, difficulty: float) ->
 
 
 def _blocks(rng: np.random.Generator, site: OutdoorSite, place: Array) -> None:
-    """Hewn blocks, two or three upon each other, forgotten here."""
+    """A stack of one to three hewn blocks."""
     base = rng.uniform((0.45, 0.35, 0.25), (0.75, 0.5, 0.35))
     points = []
     corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)

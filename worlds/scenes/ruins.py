@@ -24,14 +24,14 @@ from worlds.world import World
 
 THICKNESS = 0.5
 SPRING, RING, PIER = 1.95, 0.34, 0.5
-"""m: an arch begins to curve that high, its ring is that thick and stands on walls that long."""
+"""m: height at which an arch springs, thickness of its ring, and length of the walls on which it stands."""
 COURT = 9.4
 """m from the middle to the outer walls."""
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What is left of a wall between two heights: from start (2,) m along yaw rad, (k,) m along it and the height of the top there, m."""
+    """Remains of a wall from start (2,) m along yaw rad: distances along (k,) m, and the height of its top there, top (k,) m."""
 
     start: Array
     yaw: float
@@ -61,7 +61,7 @@ class RuinsPlan:
 
 
 def draw(rng: np.random.Generator, difficulty: float) -> RuinsPlan:
-    """Nine rooms in three rows. Each wall has a doorway or has fallen for good."""
+    """Nine rooms in three rows. Each wall has a doorway, or is missing."""
     x, y = (np.array([-COURT, -3.2, 3.2, COURT]) + np.array([0, *rng.uniform(-0.7, 0.7, 2), 0]) for _ in range(2))
     yaw = rng.uniform(-0.16, 0.16)
     runs: list[Run] = []
@@ -79,7 +79,7 @@ def draw(rng: np.random.Generator, difficulty: float) -> RuinsPlan:
 
 
 def _wall(rng: np.random.Generator, ends: tuple[Array, Array], difficulty: float, out: tuple[list[Run], list[tuple[Array, float, float]]]) -> None:
-    """A wall with a doorway in it: under an arch, or as wide as what has fallen out of the wall."""
+    """A wall with a doorway: under an arch, or a wider gap."""
     a, b = ends
     length = float(np.hypot(*(b - a)))
     yaw = float(np.arctan2(*(b - a)[::-1]))
@@ -107,14 +107,14 @@ def _wall(rng: np.random.Generator, ends: tuple[Array, Array], difficulty: float
 NAME = "ruins"
 SPACING, HALF = 0.17, 14.5
 BANK = 2.4
-"""m: the banks around the site are that high."""
+"""m: height of the banks around the site."""
 FREE_FOR_FEET, FREE_FOR_WHEELS = 180.0, 90.0
-"""m²: what people and rovers need at least."""
+"""m²: least free area of people and of rovers."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Site:
-    """What is being built. blocked (rows, columns): what something stands on; decks: names of slabs that are walked on."""
+    """The ruins under construction. blocked: mask (rows, columns) of grid points under objects; decks: names of slabs that people walk on."""
 
     spec: mujoco.MjSpec
     plan: RuinsPlan
@@ -132,7 +132,7 @@ class _Site:
 
 
 def build(rng: np.random.Generator, difficulty: float = 0.5) -> World:
-    """Ruins; no two alike. Raises ValueError where people or rovers could not get about in them."""
+    """Ruins; seeds differ. Raises ValueError if people or rovers have too little free space."""
     plan = draw(rng, difficulty)
     heaps = _heaps(rng, plan, difficulty)
     ground = _ground(rng, plan, heaps, difficulty)
@@ -151,7 +151,7 @@ def build(rng: np.random.Generator, difficulty: float = 0.5) -> World:
 
 
 def _heaps(rng: np.random.Generator, plan: RuinsPlan, difficulty: float) -> list[tuple[Array, float, float]]:
-    """Where walls have come down: place (2,), radius and height m, beside walls and never in a doorway."""
+    """Heaps of fallen walls: place (2,), radius and height m, beside walls and never under an arch."""
     heaps: list[tuple[Array, float, float]] = []
     for _ in range(200):
         run = plan.runs[int(rng.integers(len(plan.runs)))]
@@ -185,7 +185,7 @@ def _ground(rng: np.random.Generator, plan: RuinsPlan, heaps: list[tuple[Array, 
 
 
 def _soil(rng: np.random.Generator, plan: RuinsPlan, ground: Heightfield) -> Canvas:
-    """Dry grass and earth, what is left of stone floors in the rooms."""
+    """Dry grass and earth, with remains of stone floors in the rooms."""
     low, high = ground.extent
     canvas = Canvas(float(high[0] - low[0]), float(high[1] - low[1]), 58.0, (150, 132, 100))
     shape = canvas.pixels.shape[:2]
@@ -207,7 +207,7 @@ def _soil(rng: np.random.Generator, plan: RuinsPlan, ground: Heightfield) -> Can
 
 
 def _walls(rng: np.random.Generator, site: _Site) -> None:
-    """Walls, stretch by stretch, each convex; and the arches over doorways."""
+    """Walls in convex pieces, and the arches over doorways."""
     sink = 0.4
     for k, run in enumerate(site.plan.runs):
         z = site.ground.lowest_around(run.start + turned([run.along.mean(), 0], run.yaw), 0.5 * np.ptp(run.along) * 0.7)
@@ -253,7 +253,7 @@ def _drum(rng: np.random.Generator, radii: tuple[float, float], levels: tuple[fl
 
 
 def _fallen(rng: np.random.Generator, site: _Site, place: Array, what: tuple[float, int]) -> None:
-    """The drums of a column in a row where it fell, a third of them in the ground."""
+    """The drums of a fallen column in a row, sunk by a fifth of their diameter."""
     r, number = what
     yaw, reach = rng.uniform(-np.pi, np.pi), 0.75
     for part in range(2):
@@ -267,7 +267,7 @@ def _fallen(rng: np.random.Generator, site: _Site, place: Array, what: tuple[flo
 
 
 def _paving(rng: np.random.Generator, site: _Site, difficulty: float) -> None:
-    """Slabs of the old floors, lifted and tilted, that one walks over."""
+    """Slabs of the old floors, lifted and tilted, that people walk on."""
     nodes = site.ground.nodes
     inside = (np.abs(nodes).max(axis=2) < COURT + 1.5) & ~site.blocked
     i, j = np.nonzero(inside)
@@ -287,7 +287,7 @@ def _paving(rng: np.random.Generator, site: _Site, difficulty: float) -> None:
 
 
 def _stones(rng: np.random.Generator, site: _Site, heaps: list[tuple[Array, float, float]]) -> None:
-    """Stones of the walls on the heaps that they made."""
+    """Stones of the fallen walls on their heaps."""
     number = 0
     for place, radius, _ in heaps:
         for _ in range(int(rng.integers(2, 5))):

@@ -108,7 +108,7 @@ def _bridge(a: Array, b: Array, share: float) -> tuple[Array, float]:
 
 
 def _ledge_places(rng: np.random.Generator, plan: TunnelPlan, keep: NDArray[np.float64]) -> list[tuple[Array, float, bool]]:
-    """Along the walls of passages and halls, in turn over the way and low beside it."""
+    """Ledges along the walls of passages: of three, two are above people's heads and one is low."""
     found: list[tuple[Array, float, bool]] = []
     for a, b, half in plan.ways:
         along = (b - a) / np.hypot(*(b - a))
@@ -125,19 +125,19 @@ def _ledge_places(rng: np.random.Generator, plan: TunnelPlan, keep: NDArray[np.f
 NAME = "tunnel"
 SPACING, VAULT_SPACING = 0.16, 0.5
 WALL = 0.9
-"""m: the height field rises that far at the walls; above it is the vault."""
+"""m: rise of the height field at the walls; above it is the vault."""
 SOLE = 0.3
-"""m: pillars and ledges reach that far into what they grow from."""
+"""m: depth of pillars in the floor and in the vault."""
 BRIDGE = (2.3, 2.2, 0.16)
 DITCH = (1.1, 0.6)
 """m: length, width and thickness of a slab; width and depth of the ditch under it."""
 FREE_FOR_FEET, FREE_FOR_WHEELS = 60.0, 30.0
-"""m²: what people and rovers need at least."""
+"""m²: least free area of people and of rovers."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Cave:
-    """What is being built: room (rows, columns) m from the wall, negative in the rock; bed: the floor without its small unevenness."""
+    """The tunnel under construction. room (rows, columns): m from the wall, negative in the rock. bed: the floor without its small unevenness."""
 
     spec: mujoco.MjSpec
     plan: TunnelPlan
@@ -151,7 +151,7 @@ class _Cave:
 
 
 def build(rng: np.random.Generator, difficulty: float = 0.5) -> World:
-    """A piece of an underground system; no two of them alike. Raises ValueError where people or rovers could not get about in it."""
+    """A part of an underground system; seeds differ. Raises ValueError if people or rovers have too little free space."""
     plan = draw(rng, difficulty)
     cave = _dug(rng, plan, difficulty)
     spec = cave.spec
@@ -174,7 +174,7 @@ def build(rng: np.random.Generator, difficulty: float = 0.5) -> World:
 
 
 def _dug(rng: np.random.Generator, plan: TunnelPlan, difficulty: float) -> _Cave:
-    """Floor and walls: heights of all that a height field can be."""
+    """The floor and the foot of the walls, as a height field."""
     flat = Heightfield.flat(plan.extent, SPACING)
     nodes = flat.nodes
     room = plan.room(nodes) + swell(rng, nodes, 1.6, 0.14) + swell(rng, nodes, 0.6, 0.06)
@@ -213,7 +213,7 @@ def _floor(rng: np.random.Generator, cave: _Cave) -> Canvas:
 
 
 def _light(rng: np.random.Generator, cave: _Cave) -> None:
-    """The sun through the shafts, the only light with shadows; lamps along the ways; and light from everywhere, for eyes that are used to it."""
+    """The sun through the shafts, the only light with shadows; lamps along the passages; and ambient light, as adapted eyes see it."""
     headlight = cave.spec.visual.headlight
     headlight.ambient, headlight.diffuse, headlight.specular = np.full(3, 0.50), np.zeros(3), np.zeros(3)
     way = np.array([*turned([0.32, 0.0], rng.uniform(-np.pi, np.pi)), -1.0])
@@ -247,7 +247,7 @@ def _vault(rng: np.random.Generator, cave: _Cave) -> None:
         closed &= np.hypot(*np.moveaxis(middle - place, -1, 0)) > radius
     for k, piece in enumerate(Ceiling(grid.with_heights(height), closed).tiles(9, 0.6)):
         geom = cave.stand(piece, f"vault{k}", np.zeros(3))
-        # Nothing that moves gets so high, and the hull of a vault would fill the place under it.
+        # Nothing that moves gets so high, and the convex hull of a vault would fill the space under it.
         geom.contype = geom.conaffinity = 0
 
 
@@ -257,7 +257,7 @@ def _headroom(room: Array) -> Array:
 
 
 def _pillars(rng: np.random.Generator, cave: _Cave) -> None:
-    """What was left standing in the halls, waisted, from the floor into the vault: two stones each, base and top."""
+    """Rock pillars in the halls, narrow in the middle, from the floor into the vault: two stones each, base and top."""
     angle = np.linspace(0, 2 * np.pi, 9, endpoint=False)
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     for k, (place, radius) in enumerate(cave.plan.pillars):
@@ -282,7 +282,7 @@ def _bridges(rng: np.random.Generator, cave: _Cave) -> list[str]:
 
 
 def _ledges(rng: np.random.Generator, cave: _Cave, difficulty: float) -> list[str]:
-    """Tongues of rock: high ones over the way, low ones where nobody can go then."""
+    """Ledges of rock: high ones over the passage, and low ones, whose places are blocked."""
     names = []
     for k, (place, yaw, high) in enumerate(cave.plan.ledges):
         z = float(cave.bed.height_at(place[None])[0])
@@ -298,7 +298,7 @@ def _ledges(rng: np.random.Generator, cave: _Cave, difficulty: float) -> list[st
 
 
 def _stones(rng: np.random.Generator, cave: _Cave, difficulty: float) -> None:
-    """Fallen stones at the foot of the walls and, the harder the more, out on the way."""
+    """Fallen stones at the foot of the walls; more with difficulty."""
     i, j = np.nonzero((cave.room > 0.05) & (cave.room < 0.3))
     spots = cave.ground.nodes[i, j]
     for k in range(min(round(26 + 26 * difficulty), len(spots))):

@@ -1,3 +1,3 @@
-"""The ground in numbers: height maps, decks, relief, polygons, and the free space of feet and wheels.
+"""Terrain: height maps, decks, relief, polygons, and the free space of feet and wheels.
 
 Read `heightfield.py` first, then `walk_surface.py`."""

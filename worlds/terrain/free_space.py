@@ -12,7 +12,7 @@ from scipy.sparse import csgraph
 
 from worlds.terrain.heightfield import Array, Heightfield, Mask
 
-# (row, column) steps to half of the eight neighbours; the other half is the way back.
+# (row, column) steps to half of the eight neighbours; the other half follows by symmetry.
 _NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 
@@ -35,10 +35,10 @@ def links(free: Mask, cost: Array) -> sparse.csr_matrix:
 
 
 def distance(graph: sparse.csr_matrix, cost: Array, start: int) -> Array:
-    """(rows, columns) how far each grid point is from the flat index `start`; inf where there is no way. cost (rows, columns) a cell.
+    """Distance (rows, columns) of each grid point from the flat index `start`; inf without a path. cost (rows, columns): per cell.
 
-    Dijkstra's over the links knows eight directions only; then it is relaxed to the eikonal equation |∇T| = cost, which knows all
-    (Sethian 1996, "A fast marching level set method"; Godunov's upwind differences, here from all sides at once until nothing changes).
+    Dijkstra's algorithm on the links allows eight directions. Its result is relaxed to the eikonal equation |∇T| = cost, which allows all
+    (Sethian 1996, "A fast marching level set method"; Godunov's upwind differences, here at all points at once until nothing changes).
     """
     field = csgraph.dijkstra(graph, directed=False, indices=start).reshape(cost.shape)
     T = np.pad(field, 1, constant_values=np.inf)
@@ -49,7 +49,7 @@ def distance(graph: sparse.csr_matrix, cost: Array, start: int) -> Array:
         a = np.minimum(flat[here - 1], flat[here + 1])
         b = np.minimum(flat[here - T.shape[1]], flat[here + T.shape[1]])
         near, far = np.minimum(a, b), np.maximum(a, b)
-        # Where the farther neighbour is out of reach only the nearer one counts; both formulas agree there.
+        # If the farther neighbour is at least c above the nearer one, only the nearer one counts; both formulas agree at c.
         gap = np.minimum(far - near, c)
         new = np.minimum(flat[here], near + 0.5 * (gap + np.sqrt(2 * c**2 - gap**2)))
         change = float((flat[here] - new).max(initial=0.0))
@@ -59,18 +59,18 @@ def distance(graph: sparse.csr_matrix, cost: Array, start: int) -> Array:
     return T[1:-1, 1:-1].copy()
 
 
-# Ways keep off obstacles: a metre right beside one counts as many as 1 + SHYNESS, a metre this far from all counts one.
+# Paths keep off obstacles: a metre right beside an obstacle costs 1 + SHYNESS, a metre at least SHY_DISTANCE m from all costs 1.
 SHYNESS = 2.0
 
 SHY_DISTANCE = 0.5
 
-# The length over which a slope is felt, m: about a stride of a walker and the wheelbase of a rover.
+# The length over which slopes are averaged, m: about a stride of a walker and the wheelbase of a rover.
 STRIDE = 0.6
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What a walker climbs and needs: the steepest slope rad, the highest step m, half_width m of its body."""
+    """Limits of a walker: the steepest slope rad, the highest step m, and half_width m of its body."""
 
     slope: float
     step: float
@@ -80,16 +80,16 @@ class Limits:
 FEET = Limits(float(np.deg2rad(40)), 0.25, 0.25)
 
 WHEELS = Limits(float(np.deg2rad(20)), 0.05, 0.30)
-"""Of a person; and of a small rover with wheels of 0.1 m radius."""
+"""FEET are the limits of a person; WHEELS are those of a small rover with wheels of 0.1 m radius."""
 
 
 @dataclass(frozen=True, eq=False)
 class FreeSpace:
-    """Where the middle of a walker may be: free (rows, columns), row 0 at the lowest y; origin (2,) m; spacing m.
+    """Free places of a walker's centre: free (rows, columns), row 0 at the lowest y; origin (2,) m; spacing m.
 
-    The walker's own radius has been taken off already (free_space), so all clearances here are what is left beside it. The border of
-    free space runs midway between free and blocked grid points. Raises ValueError where nothing is free, where free places are not
-    connected or where the outermost grid points are free: nobody may leave the grid.
+    The walker's half width is already subtracted (free_space), so clearances are the margins beside its body. The border of free space
+    runs midway between free and blocked grid points. Raises ValueError if nothing is free, if free places are not connected,
+    or if outermost grid points are free: nobody may leave the grid.
     """
 
     free: Mask
@@ -121,7 +121,7 @@ class FreeSpace:
         return np.where(self.free, inside - 0.5, 0.5 - outside) * self.spacing
 
     def clearance_at(self, points: ArrayLike) -> Array:
-        """(n, 2) m → (n,) m to the nearest blocked place; 0 or less where blocked, falling further outside of the grid."""
+        """(n, 2) m → (n,) m to the nearest blocked place; 0 or less where blocked, decreasing with the distance outside of the grid."""
         index, weight, beyond = self._corners(points)
         return (self.clearance.ravel()[index] * weight).sum(axis=1) - beyond
 
@@ -139,16 +139,16 @@ class FreeSpace:
         return inside & self.free[np.clip(i, 0, rows - 1), np.clip(j, 0, columns - 1)]
 
     def distance_to(self, goal: ArrayLike) -> Array:
-        """(2,) m → (rows, columns) m of the shortest way from each grid point to the goal; inf where there is none.
+        """(2,) m → (rows, columns) m of the shortest path from each grid point to the goal; inf where there is none.
 
-        Metres beside obstacles count more (SHYNESS), so that ways keep off walls. Raises ValueError where the goal is not free.
+        Metres beside obstacles count more (SHYNESS), so that paths keep off walls. Raises ValueError if the goal is not free.
         """
         return distance(self._links, self._cost * self.spacing, self._node(goal, "goal"))
 
     def direction_at(self, field: Array, points: ArrayLike) -> Array:
         """Points (n, 2) m → (n, 2) unit direction of descent of a field (rows, columns) from distance_to; zero at its goal.
 
-        Where a point has no free grid point around it, the direction is that of growing clearance: back to where one may walk.
+        Where a point has no free grid point around it, the direction is that of growing clearance, back to free space.
         """
         index, weight, _ = self._corners(points)
         columns = field.shape[1]
@@ -168,7 +168,7 @@ class FreeSpace:
         return direction
 
     def route(self, start: ArrayLike, goal: ArrayLike) -> Array:
-        """A way from start (2,) to goal (2,) m as a polyline (k, 2) within free space. ValueError where there is none."""
+        """A path from start (2,) to goal (2,) m as a polyline (k, 2) within free space. Raises ValueError if start or goal is not free."""
         field = self.distance_to(goal)
         between = self._descent(field, self._node(start, "start"))[1:-1]
         ends = np.asarray(start, dtype=np.float64), np.asarray(goal, dtype=np.float64)
@@ -182,7 +182,7 @@ class FreeSpace:
         while field.ravel()[node] > 0:
             i, j = divmod(node, columns)
             window = field[i - 1 : i + 2, j - 1 : j + 2].copy()
-            # Across a corner only where both ways round it are free.
+            # Diagonal steps need both grid points beside the diagonal to be free.
             for a, b in ((0, 0), (0, 2), (2, 0), (2, 2)):
                 if not (np.isfinite(window[1, b]) and np.isfinite(window[a, 1])):
                     window[a, b] = np.inf
@@ -198,7 +198,7 @@ class FreeSpace:
         return self.origin + self.spacing * np.stack([j, i], axis=1)
 
     def sample(self, rng: np.random.Generator, n: int, clearance: float, apart: float) -> Array:
-        """n random places (n, 2) m with that clearance m and at least `apart` m from each other. ValueError where n do not fit."""
+        """n random places (n, 2) m with that clearance m and at least `apart` m from each other. Raises ValueError if n do not fit."""
         i, j = np.nonzero(self.clearance >= clearance - self.spacing)
         points = self.origin + self.spacing * (np.stack([j, i], axis=1) + rng.uniform(-0.5, 0.5, (len(i), 2)))
         points = rng.permutation(points[self.clearance_at(points) >= clearance])
@@ -219,7 +219,7 @@ class FreeSpace:
 
     @cached_property
     def _cost(self) -> Array:
-        """(rows, columns) what a metre counts at each grid point."""
+        """Cost (rows, columns) of a metre at each grid point."""
         near = np.clip(1 - self.clearance / SHY_DISTANCE, 0.0, 1.0)
         return 1 + SHYNESS * near**2
 
@@ -247,9 +247,9 @@ class FreeSpace:
         return index, weight, np.hypot(*(p - q).T) * self.spacing
 
     def _straightened(self, points: Array) -> Array:
-        """Fewer corners: straight ahead as far as that stays free and comes no nearer to obstacles than the way that it replaces.
+        """The path with fewer corners: segments stay free and come no nearer to obstacles than the part of the path that they replace.
 
-        Half a cell nearer is no nearer, and what is SHY_DISTANCE off is far enough.
+        The comparison has a tolerance of half a cell, and clearances above SHY_DISTANCE count as equal.
         """
         clearance = np.minimum(self.clearance_at(points), SHY_DISTANCE) - 0.5 * self.spacing
         kept = [0]
@@ -266,14 +266,14 @@ class FreeSpace:
 
 
 def free_space(ground: Heightfield, obstacles: Mask, limits: Limits) -> FreeSpace:
-    """The largest connected place where a walker with these limits may be, on the ground's own grid.
+    """The largest connected region where a walker with these limits may be, on the ground's own grid.
 
     obstacles (rows, columns): grid points that something stands on. Two kinds of grid points are blocked, too:
 
     * those with a rise to a neighbour above both limits.step and what limits.slope explains;
     * those where the ground, averaged over a STRIDE, is steeper than limits.slope.
 
-    So a walker climbs a step and a slope, but no slope as steep as a step. Raises ValueError where nothing is left or the shapes differ.
+    So a walker climbs a step and a slope, but no slope as steep as a step. Raises ValueError if nothing is free or the shapes differ.
     """
     if obstacles.shape != ground.heights.shape:
         raise ValueError(f"obstacles have shape {obstacles.shape}, need that of the ground, {ground.heights.shape}")
@@ -288,15 +288,15 @@ def free_space(ground: Heightfield, obstacles: Mask, limits: Limits) -> FreeSpac
 
 
 def largest_region(free: Mask) -> Mask:
-    """The largest connected part of a grid (rows, columns); nothing where nothing is free."""
+    """The largest connected part of a grid (rows, columns); all False if nothing is free."""
     labels, _ = ndimage.label(free)
     return np.asarray(labels == 1 + int(np.argmax(np.bincount(labels.ravel())[1:]))) if free.any() else np.zeros_like(free)
 
 
 def walkers_spaces(name: str, ground: Heightfield, obstacles: Mask | tuple[Mask, Mask], least: tuple[float, float]) -> tuple[FreeSpace, FreeSpace]:
-    """The free space of feet and that of wheels, as `free_space`. name: of the world. obstacles: of both, or of each.
+    """The free space of feet and that of wheels, as `free_space`. name: of the world. obstacles: one mask for both, or one for each.
 
-    Raises ValueError where feet or wheels have less than their `least` m².
+    Raises ValueError if feet or wheels have less than their `least` m².
     """
     both = obstacles if isinstance(obstacles, tuple) else (obstacles, obstacles)
     feet, wheels = (free_space(ground, blocked, limits) for blocked, limits in zip(both, (FEET, WHEELS), strict=True))
@@ -322,8 +322,8 @@ def _unit(vectors: Array) -> Array:
 def spawn_areas(feet: FreeSpace, rng: np.random.Generator, count: int, side: float = 1.2) -> Array:
     """`count` squares of that side m as (count, 2, 2) [[xmin, ymin], [xmax, ymax]] m, all of them free.
 
-    The first lies farthest out, each next one farthest from those before; the stream only breaks near ties, so that seeds differ.
-    Raises ValueError where free space has no room for them.
+    The first is farthest from the mean of free places, each next one farthest from those before. Random factors from 0.85 to 1 vary it by seed.
+    Raises ValueError if free space has no room for them.
     """
     places = feet.points(feet.clearance > side / np.sqrt(2) + feet.spacing)
     if len(places) < count:

@@ -14,7 +14,7 @@ from worlds.engine import mujoco
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# Depth of the solid below the lowest height, m: what has sunk this far has fallen through.
+# Depth of the solid below the lowest height, m: objects that have sunk this far have fallen through.
 BASE_DEPTH = 1.0
 
 
@@ -22,7 +22,7 @@ BASE_DEPTH = 1.0
 class Heightfield:
     """Heights (rows, columns) m: row 0 at the lowest y, column 0 at the lowest x; origin (2,) m, the lowest x, y; spacing m.
 
-    Between grid points each cell is two triangles, split along (i, j) → (i+1, j+1), as MuJoCo's height field has it.
+    Between grid points each cell is two triangles, split along (i, j) → (i+1, j+1), as in MuJoCo's height field.
     Raises ValueError for fewer than 2 x 2 heights, heights that are not finite or a spacing that is not above 0.
     """
 
@@ -97,7 +97,7 @@ class Heightfield:
         return out
 
     def height_at(self, points: ArrayLike) -> Array:
-        """(n, 2 or more) x, y m → (n,) heights m; the nearest inside outside."""
+        """(n, 2 or more) x, y m → (n,) heights m; outside of the grid, those at the nearest points of its edge."""
         # One kind of array, read-only and contiguous, so that the kernel is compiled once.
         places = np.ascontiguousarray(points, dtype=np.float64).view()
         places.flags.writeable = False
@@ -109,7 +109,7 @@ class Heightfield:
         return float(self.height_at(ring).min())
 
     def normal_at(self, points: ArrayLike) -> Array:
-        """(n, 2 or more) x, y m → (n, 3) unit normals of the triangle there, upwards; that of the nearest inside outside."""
+        """(n, 2 or more) x, y m → (n, 3) upward unit normals of the triangles; outside of the grid, those at the nearest points of its edge."""
         u, v, z00, z01, z10, z11 = self._cells(points)
         east = np.where(u >= v, z01 - z00, z11 - z10) / self.spacing
         north = np.where(u >= v, z11 - z01, z10 - z00) / self.spacing

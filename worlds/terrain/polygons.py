@@ -1,4 +1,4 @@
-"""Polygons in the plane: inside, distance, and rectangles turned about."""
+"""Polygons in the plane: point tests, distances, and rotated rectangles."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def offset(corners: ArrayLike, distance: float) -> Array:
 
 
 def covered(ground: Heightfield, corners: ArrayLike, margin: float = 0.0) -> Mask:
-    """(rows, columns) which grid points of the ground lie in a polygon (k, 2) m or at most `margin` m (above 0) off it."""
+    """Mask (rows, columns) of grid points of the ground that lie in a polygon (k, 2) m or at most `margin` m off it."""
     mask = np.zeros(ground.heights.shape, dtype=bool)
     a = np.asarray(corners, dtype=np.float64)
     low = np.maximum(np.floor((a.min(axis=0) - margin - ground.origin) / ground.spacing), 0).astype(np.int64)

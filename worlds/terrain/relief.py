@@ -1,7 +1,7 @@
-"""Smooth random patterns on grids, for relief and for paint, and pieces of relief to be added, or combined by their maximum.
+"""Smooth random patterns on grids, for relief and for textures, and pieces of relief to be added, or combined by their maximum.
 
-Patterns are only additions and products of gathered values: the same bits anywhere. Each piece of relief gives heights (rows, columns) m over
-grid points (rows, columns, 2) m, such as Heightfield.nodes.
+Patterns use only additions and products of gathered values, so that machines agree bit by bit. Each piece of relief gives heights
+(rows, columns) m over grid points (rows, columns, 2) m, such as Heightfield.nodes.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ Pattern = NDArray[np.float32]
 
 
 def noise(rng: np.random.Generator, shape: tuple[int, int], period: float | tuple[float, float]) -> Pattern:
-    """Value noise of that shape in [−1, 1]: random values every `period` samples (of rows and of columns, or of both), blended between.
+    """Value noise of that shape in [−1, 1]: random values every `period` samples (of rows and of columns, or of both), interpolated between.
 
-    The blend has two continuous derivatives (Perlin 2002, "Improving Noise").
+    The interpolation has two continuous derivatives (Perlin 2002, "Improving Noise").
     """
     periods = period if isinstance(period, tuple) else (period, period)
     size = [int(n / p) + 3 for n, p in zip(shape, periods, strict=True)]
@@ -28,13 +28,13 @@ def noise(rng: np.random.Generator, shape: tuple[int, int], period: float | tupl
         i = t.astype(np.int64)
         f = t - i
         blend = (f * f * f * (f * (f * 6 - 15) + 10)).astype(np.float32)[:, None]
-        # Rows first, then, transposed, columns; the second transposition brings rows back.
+        # Each pass interpolates along rows and transposes; after the second pass, rows are rows again.
         values = (values[i] + (values[i + 1] - values[i]) * blend).T
     return values
 
 
 def fractal(rng: np.random.Generator, shape: tuple[int, int], period: float, octaves: int) -> Pattern:
-    """A sum of noises, each of half the period and 0.6 of the height of the one before, scaled to [−1, 1]."""
+    """A sum of noises, each of half the period and 0.6 of the amplitude of the one before, scaled to [−1, 1]."""
     heights = 0.6 ** np.arange(octaves)
     heights = (heights / heights.sum()).astype(np.float32)
     total = np.zeros(shape, dtype=np.float32)
@@ -67,7 +67,7 @@ def ramp(nodes: Array, foot: ArrayLike, top: ArrayLike, width: float, height: fl
 
 
 def rubble(rng: np.random.Generator, nodes: Array, centre: ArrayLike, radius: float, height: float) -> Array:
-    """Broken ground up to `height` m, half a metre from lump to lump, within `radius` m of the centre (2,) m and fading to its edge."""
+    """Broken ground up to `height` m, with lumps about every 0.5 m, within `radius` m of the centre (2,) m and fading to its edge."""
     distance = np.hypot(*np.moveaxis(nodes - np.asarray(centre, dtype=np.float64), -1, 0))
     fade = np.clip(1 - distance / radius, 0.0, 1.0)
     lumps = 0.5 * (1 + swell(rng, nodes, 0.5, 1.0))

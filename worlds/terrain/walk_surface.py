@@ -16,13 +16,13 @@ Index = NDArray[np.int64]
 
 CELL = 0.5
 """m: side of the squares by which triangles are looked up."""
-# A face counts as one to stand on where it looks up at all; m by which a foot may be below what it stands on.
+# Least z of the unit normal of a face that looks up; m by which a foot may be below the surface on which it stands.
 _UPWARDS, _TOUCHING = 1e-6, 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Decks:
-    """Faces that look upwards, in world coordinates.
+    """Upward faces of meshes, in world coordinates.
 
     decks (k, 3, 3) m: walked on. roofs (m, 3, 3) m: walked under, though something may lie on them. Raises ValueError for other shapes.
     """
@@ -43,7 +43,7 @@ class Decks:
         """The upward faces of mesh geoms of these names in the world body of a spec.
 
         They are read from a compiled model, so that they are exactly MuJoCo's. MuJoCo moves a mesh to its frame of inertia and stores float32.
-        Raises ValueError for a name that is no such geom.
+        Raises ValueError for a name that is not that of a mesh geom.
         """
         small = mujoco.MjSpec()
         for name in (*decks, *roofs):
@@ -99,14 +99,14 @@ class Terrain:
 
     @property
     def on_grid(self) -> Heightfield:
-        """The walkable surface at the grid points of the ground: what maps, slopes and free space are taken from."""
+        """The walkable surface at the grid points of the ground, from which maps, slopes and free space are computed."""
         return self.ground.with_heights(self.height_at(self.ground.nodes.reshape(-1, 2)).reshape(self.ground.heights.shape))
 
     def height_at(self, points: ArrayLike) -> Array:
-        """(n, 2) x, y m → (n,) m of the walkable surface: the highest of ground and decks, under roofs the floor.
+        """(n, 2) x, y m → (n,) m of the walkable surface: the highest of ground and decks; roofs are ignored.
 
-        (n, 3) m → (n,) m of the highest surface, roofs too, at or below z (by up to 1e-6 m over it); the ground's where there is none.
-        Outside of the ground, that of its nearest inside.
+        (n, 3) m → (n,) m of the highest surface, roofs included, at most 1e-6 m above z; the ground's height if there is none.
+        Outside of the ground, heights are those at the nearest points of its edge.
         """
         return self._stood(points)[0]
 
@@ -144,7 +144,7 @@ def _shape(ground: Heightfield) -> tuple[int, int]:
 
 
 def _cells(faces: Array, ground: Heightfield) -> tuple[Index, Index]:
-    """Where each cell's faces start (rows · columns + 1,), and the faces, cell after cell: all whose bounds touch it."""
+    """Start indices (rows · columns + 1,) of each cell's faces, and the faces, cell after cell: all whose bounds touch the cell."""
     rows, columns = _shape(ground)
     low = np.floor((faces[:, :, :2].min(axis=1) - 1e-6 - ground.origin) / CELL).astype(np.int64)
     high = np.floor((faces[:, :, :2].max(axis=1) + 1e-6 - ground.origin) / CELL).astype(np.int64)
@@ -181,6 +181,6 @@ def _highest(
             if a < 0 or b < 0 or a + b > 1:
                 continue
             z = az + a * uz + b * vz
-            # The ground counts too where it is above the point: nothing else is below it there.
+            # Where the ground itself is above the ceiling, any face below the ceiling replaces it.
             if z <= ceiling[n] and (z > height[n] or height[n] > ceiling[n]):
                 height[n], face[n] = z, t

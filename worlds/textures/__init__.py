@@ -1,3 +1,3 @@
-"""What changes only pixels: textures of floors, walls, soils and furniture, materials, lights and the sky.
+"""Appearance without geometry: textures of floors, walls, soils and furniture, materials, lights and the sky.
 
 Read `materials.py` first."""

@@ -14,12 +14,12 @@ from worlds.textures.materials import Canvas, tint
 
 # Pixels a metre: from a robot's eye at 0.6 m a panorama of 1024 pixels sees no more than about 110 of them in a metre of floor.
 SCALE = 96.0
-# Rise from grid point to grid point, m, from which on the edge is painted as a hazard.
+# Least rise between neighbouring grid points, m, of an edge that is painted as a hazard.
 HAZARD = 0.06
 
 
 def floor(rng: np.random.Generator, ground: Heightfield) -> Canvas:
-    """Worn tiles, each of its own tone, with stains, chips, scuffs and painted lines; as large as the ground."""
+    """Worn tiles of different tones, with stains, chips, scuffs and tape; as large as the ground."""
     low, high = ground.extent
     width, height = high - low
     canvas = Canvas(width, height, SCALE, tint(rng, (158, 152, 142), 4))
@@ -97,7 +97,7 @@ def matting(canvas: Canvas, rng: np.random.Generator, ground: Heightfield, corne
 
 
 def lane(canvas: Canvas, rng: np.random.Generator, ground: Heightfield, points: ArrayLike, colour: ArrayLike) -> None:
-    """A painted line, 7 cm wide and worn, along a polyline (k, 2) m of the ground."""
+    """A worn painted line, 7 cm wide, along a polyline (k, 2) m of the ground whose segments run along x or y."""
     corners = np.asarray(points, dtype=np.float64)
     for a, b in pairwise(corners):
         low, high = np.minimum(a, b) - 0.035 - ground.origin, np.maximum(a, b) + 0.035 - ground.origin
@@ -109,7 +109,7 @@ def lane(canvas: Canvas, rng: np.random.Generator, ground: Heightfield, points: 
 
 
 def hazards(canvas: Canvas, ground: Heightfield) -> None:
-    """Black and yellow stripes along every step of the ground, as the law has it."""
+    """Black and yellow stripes along every step of the ground, as safety regulations require."""
     rise = ground.rise > HAZARD
     rows, columns = canvas.pixels.shape[:2]
     i = np.linspace(ground.heights.shape[0] - 1, 0, rows)

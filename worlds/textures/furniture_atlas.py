@@ -1,4 +1,4 @@
-"""A texture atlas with all surfaces of furniture. No two faces show the same part of it."""
+"""A texture atlas with all surfaces of furniture. Each face shows a random part of a surface."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from worlds.terrain.heightfield import Array
 from worlds.terrain.relief import noise
 from worlds.textures.materials import Box, Canvas, tint
 
-# Each surface is a tile of that many metres, at SCALE pixels a metre; ACROSS tiles in a row.
+# Each surface is a square tile of TILE metres, at SCALE pixels per metre; ACROSS tiles in a row.
 TILE = 1.6
 SCALE = 200.0
 ACROSS = 4

@@ -1,4 +1,4 @@
-"""What walls are made of: plaster, brick or concrete. Each paints a wall width x height m, from `base` m (below 0, the floor) upwards."""
+"""Textures of walls: plaster, brick or concrete, each `width` m wide, from `base` m (0 is the floor) up to `height` m; and of rock and hewn stone."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SCALE = 112.0
 
 
 def plaster(rng: np.random.Generator, width: float, height: float, base: float) -> Canvas:
-    """Paint on plaster: two tones, one above the other, with the marks of years."""
+    """Painted plaster, often in two tones, one above the other, with marks of wear."""
     upper = tint(rng, [(214, 208, 196), (198, 208, 204), (210, 200, 182), (192, 202, 214)][int(rng.integers(4))], 6)
     canvas = Canvas(width, height, SCALE, upper, base)
     if rng.uniform() < 0.7:
@@ -29,7 +29,7 @@ def plaster(rng: np.random.Generator, width: float, height: float, base: float) 
 
 
 def brick(rng: np.random.Generator, width: float, height: float, base: float) -> Canvas:
-    """Bricks, each of its own tone, here and there whitewashed."""
+    """Bricks of different tones, with lighter and darker patches."""
     canvas = Canvas(width, height, SCALE, (172, 162, 150), base)
     tone = tint(rng, [(158, 96, 74), (176, 164, 146), (146, 110, 92)][int(rng.integers(3))], 8)
     long, high, joint = 0.25, 0.083, 0.012
@@ -72,11 +72,11 @@ def skirting(canvas: Canvas, rng: np.random.Generator) -> None:
 
 
 def rock(rng: np.random.Generator, colour: ArrayLike, size: float = 8.0) -> Canvas:
-    """Bare rock, size x size m, that can be laid beside itself without a seam: beds, cracks and stains."""
+    """Bare rock with beds, cracks and stains, size x size m, that repeats without a seam."""
     canvas = Canvas(size, size, SCALE, tint(rng, colour, 8))
     shape = canvas.pixels.shape[:2]
     canvas.shade(canvas.box, 0.16 * noise(rng, shape, (14.0, 160.0)) + 0.30 * fractal(rng, shape, 1.3 * SCALE, 7))
-    # A crack is where a pattern goes through 0, faces lie on either side of where another one does.
+    # Cracks are zero crossings of one pattern; facets meet at zero crossings of another one.
     canvas.shade(canvas.box, -0.4 * np.exp(-((fractal(rng, shape, 1.1 * SCALE, 6) / 0.012) ** 2)))
     canvas.shade(canvas.box, 0.14 * np.tanh(fractal(rng, shape, 0.6 * SCALE, 6) / 0.04))
     warm = np.clip(fractal(rng, shape, 0.9 * SCALE, 5), 0, 1)[..., None]
@@ -86,7 +86,7 @@ def rock(rng: np.random.Generator, colour: ArrayLike, size: float = 8.0) -> Canv
 
 
 def ashlar(rng: np.random.Generator, colour: ArrayLike, size: float = 8.0) -> Canvas:
-    """Courses of hewn stones, size x size m, that can be laid beside itself without a seam; no stone like another."""
+    """Courses of different hewn stones, size x size m, that repeat without a seam."""
     canvas = Canvas(size, size, SCALE, np.asarray(colour) * 0.62)
     y = 0.0
     while y < size - 0.02:
@@ -95,7 +95,7 @@ def ashlar(rng: np.random.Generator, colour: ArrayLike, size: float = 8.0) -> Ca
         while x < size + shift - 0.02:
             long = min(rng.uniform(0.28, 0.75), size + shift - x)
             tone = tint(rng, colour, 5) * rng.uniform(0.74, 1.14)
-            # What sticks out on the left comes in again on the right.
+            # The part of a stone beyond the left edge continues at the right edge.
             for left in (x, x + size):
                 canvas.fill((left + 0.012, y + 0.012, left + long - 0.004, y + high - 0.004), tone)
                 canvas.shade((left + 0.012, y + high - 0.03, left + long - 0.004, y + high - 0.004), 0.12)
@@ -109,7 +109,7 @@ def ashlar(rng: np.random.Generator, colour: ArrayLike, size: float = 8.0) -> Ca
 
 
 def _seamless(canvas: Canvas) -> Canvas:
-    """The picture, blended near its edges into itself moved by half its size: it goes on where it begins again."""
+    """The picture, blended near its edges with a copy shifted by half its size, so that opposite edges match."""
     rows, columns, _ = canvas.pixels.shape
     moved = np.roll(canvas.pixels, (rows // 2, columns // 2), axis=(0, 1))
     y, x = (np.minimum(np.arange(n), n - 1 - np.arange(n)) / (0.12 * n) for n in (rows, columns))

@@ -1,4 +1,4 @@
-"""All that only changes pixels: a canvas with the strokes that floors, walls and furniture are painted with, materials, light and sky."""
+"""Appearance: a canvas with drawing operations for textures of floors, walls and furniture; materials, light and sky."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ Box = tuple[float, float, float, float]
 
 @final
 class Canvas:
-    """A picture under work with `scale` pixels a metre: x from 0 on the left to width, y from base at the bottom up to height, metres.
+    """A picture that is being painted, with `scale` pixels per metre: x from 0 (left) to width, y from base (bottom) to height, metres.
 
-    A box is (x0, y0, x1, y1) m; what lies off the canvas is not painted. Colours are (3,) in [0, 255].
+    A box is (x0, y0, x1, y1) m; parts off the canvas are not painted. Colours are (3,) in [0, 255].
     """
 
     def __init__(self, width: float, height: float, scale: float, colour: ArrayLike, base: float = 0.0) -> None:
@@ -73,7 +73,7 @@ class Canvas:
         w *= np.broadcast_to(1 + np.asarray(amount, dtype=np.float32), w.shape[:2])[..., None]
 
     def mottle(self, rng: np.random.Generator, box: Box, strength: float, period: float, octaves: int = 4) -> None:
-        """Patches of lighter and darker, the largest `period` m across, and their halves down to `octaves` sizes."""
+        """Lighter and darker patches in `octaves` sizes: the largest are `period` m across, each next size is half as large."""
         w = self.window(box)
         if w.size:
             self.shade(box, strength * fractal(rng, w.shape[:2], period * self.scale, octaves))
@@ -104,7 +104,7 @@ class Canvas:
             w[ink] = np.asarray(colour, dtype=np.float32)
 
     def picture(self, rng: np.random.Generator, box: Box, colours: ArrayLike) -> None:
-        """A photograph of nothing: three colours (3, 3) in cloudy shapes."""
+        """An abstract picture: three colours (3, 3) in cloudy shapes."""
         w = self.window(box)
         if w.size:
             palette = np.asarray(colours, dtype=np.float32)
@@ -114,7 +114,7 @@ class Canvas:
 
 
 def tint(rng: np.random.Generator, colour: ArrayLike, spread: float = 12.0) -> Pattern:
-    """A colour near that colour."""
+    """A random colour (3,) near a colour; spread: about its standard deviation, in [0, 255]."""
     return np.clip(np.asarray(colour) + rng.normal(0, spread, 3) * 0.5 + rng.normal(0, spread) * 0.7, 0, 255).astype(np.float32)
 
 
@@ -133,7 +133,7 @@ def add_picture(spec: mujoco.MjSpec, name: str, image: Image, shine: float = 0.1
 
 
 NEAREST = 0.03
-"""m: what is nearer to a camera is cut off."""
+"""m: distance of the near clipping plane from a camera."""
 FAIR_SKY = (0.36, 0.56, 0.84), (0.84, 0.89, 0.94)
 """Colours of a fair sky at the zenith and at the horizon."""
 HIGH_SUN = (0.5, 0.35, -1.0)
@@ -141,7 +141,7 @@ HIGH_SUN = (0.5, 0.35, -1.0)
 
 
 def add_sky(spec: mujoco.MjSpec, zenith: ArrayLike, horizon: ArrayLike) -> None:
-    """A sky without features, from one colour (3,) in [0, 1] to another: what is infinitely far away must not look like a landmark."""
+    """A sky without features, from one colour (3,) in [0, 1] to another: points at infinity must not look like landmarks."""
     spec.add_texture(
         name="sky",
         type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
@@ -154,10 +154,10 @@ def add_sky(spec: mujoco.MjSpec, zenith: ArrayLike, horizon: ArrayLike) -> None:
 
 
 def add_light(spec: mujoco.MjSpec, direction: ArrayLike, brightness: float) -> None:
-    """One sun with shadows along `direction` (3,), a weaker one against it without, and light from everywhere, scaled by brightness.
+    """A sun with shadows along `direction` (3,), a weaker light without shadows from the other side, and ambient light, scaled by brightness.
 
-    Light from everywhere is the headlight's: a light with shadows loses its own where it is shadowed. The headlight gives nothing else:
-    what a camera sees must not depend on where it stands.
+    The headlight gives the ambient light, since a light with shadows loses its ambient part in shadow. The headlight gives nothing else,
+    since appearance must not depend on the position of the camera.
     """
     headlight = spec.visual.headlight
     headlight.ambient, headlight.diffuse, headlight.specular = np.full(3, 0.46 * brightness), np.zeros(3), np.zeros(3)
@@ -169,11 +169,11 @@ def add_light(spec: mujoco.MjSpec, direction: ArrayLike, brightness: float) -> N
 
 
 def add_open_air(spec: mujoco.MjSpec, rng: np.random.Generator, ground: Heightfield, sky: tuple[ArrayLike, ArrayLike], low: float) -> None:
-    """The ground, of the material "ground"; a sky, colours at the zenith and at the horizon; the sun from anywhere; and the view.
+    """Add the ground, of the material "ground"; a sky, colours at the zenith and at the horizon; a sun of random azimuth; and the view.
 
-    low: m along the ground for every metre that the sun's rays go down.
+    low: horizontal metres of the sun's rays per metre of descent.
     """
-    # The ground throws hardly a shadow that would be worth drawing it once more for.
+    # Shadows of the ground are too small to justify drawing it a second time.
     ground.add_to(spec, "ground", "ground").castshadow = False
     add_sky(spec, *sky)
     add_light(spec, [*turned([low, 0.0], rng.uniform(-np.pi, np.pi)), -1.0], 1.0)
@@ -181,9 +181,9 @@ def add_open_air(spec: mujoco.MjSpec, rng: np.random.Generator, ground: Heightfi
 
 
 def set_view(spec: mujoco.MjSpec, extent: ArrayLike) -> None:
-    """How the scene is drawn: [[xmin, ymin], [xmax, ymax]] m of it, nothing nearer than NEAREST cut off, shadows over all of it.
+    """Set clipping planes, shadows and buffers for an extent [[xmin, ymin], [xmax, ymax]] m. The near plane is at NEAREST.
 
-    Shadow map and slices are small and there is no multisampling: on a processor they cost more than they show (panoramas smooth by themselves).
+    The shadow map and slices are small, and there is no multisampling: on a CPU they cost more than they show (resampling smooths panoramas).
     """
     low, high = np.asarray(extent, dtype=np.float64)
     radius = float(np.hypot(*(high - low))) / 2

@@ -25,9 +25,9 @@ Part = tuple[str, Array]
 
 
 def silhouette(cell: int) -> list[Part]:
-    """Convex parts of the person in a cell: what each is of, and its corners (k, 2) m of x and z, anticlockwise.
+    """Convex parts of the person in a cell: the name of its colour, and its corners (k, 2) m of x and z, anticlockwise.
 
-    Cells differ in their stance: legs together or apart, arms hanging, on the hip or at the head; a third of them wear a skirt.
+    Cells differ in their stance: legs together or apart, arms hanging, on the hip or at the head; three of the eight wear a skirt.
     """
     apart, raised, skirt = 0.03 + 0.05 * (cell % 3), (0.0, 0.5, 2.3, 0.1)[cell % 4], cell % 3 == 1
     angle = np.linspace(0, 2 * np.pi, 16, endpoint=False)
@@ -38,7 +38,7 @@ def silhouette(cell: int) -> list[Part]:
         foot = side * (0.06 + apart)
         parts.append(("skin" if skirt else "trousers", _limb((side * 0.08, 0.95), (foot, 0.06), (0.085, 0.055))))
         parts.append(("shoes", _limb((foot - 0.05, 0.035), (foot + 0.05, 0.035), (0.035, 0.035))))
-        # One arm hangs, the other one is as the cell has it.
+        # The arm at −x hangs; the pose of the other arm depends on the cell.
         lift = 0.15 if side < 0 else 0.15 + raised
         elbow = side * (0.19 + 0.28 * np.sin(lift)), 1.38 - 0.28 * np.cos(lift)
         bend = {0.5: -0.9, 2.3: 1.9}.get(raised, 0.2)
@@ -64,7 +64,7 @@ def texture_of(cell: int, points: Array) -> Array:
 
 
 def pictures(rng: np.random.Generator) -> Canvas:
-    """The atlas: cell k in row k // ACROSS from the top, column k % ACROSS; coloured grounds with people before them."""
+    """The atlas: cell k in row k // ACROSS from the top, column k % ACROSS; people in front of coloured backgrounds."""
     canvas = Canvas(ACROSS * WIDTH, DOWN * HEIGHT, _SCALE, (128, 128, 128))
     for cell in range(COUNT):
         x, y = cell % ACROSS * WIDTH, (DOWN - 1 - cell // ACROSS) * HEIGHT

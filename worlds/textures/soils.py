@@ -19,7 +19,7 @@ Colour = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Soil:
-    """Colours in [0, 255]: what lies in patches, plain and other; bare, where it is steeper than `steep` rad; patch m, how large patches are."""
+    """Colours in [0, 255]: plain and other, in patches of about `patch` m; bare, where the ground is steeper than `steep` rad."""
 
     plain: Colour
     other: Colour
@@ -38,7 +38,7 @@ def soil(rng: np.random.Generator, ground: Heightfield, kind: Soil) -> Canvas:
     _mix(canvas, np.clip(0.5 + 3.0 * fractal(rng, shape, kind.patch * scale, 7), 0, 1), kind.other)
     rough = 0.25 * fractal(rng, shape, 1.2 * scale, 6)
     _mix(canvas, np.clip((_on_picture(ground.slope, shape) - kind.steep) / 0.15 + rough * 4, 0, 1), kind.bare)
-    # Hollows are damp and dark, brows are dry and light.
+    # Hollows are damp and dark, crests are dry and light.
     relief = ground.heights - ndimage.gaussian_filter(ground.heights, 1.5 / ground.spacing)
     canvas.shade(canvas.box, np.clip(0.5 * _on_picture(relief, shape), -0.2, 0.2))
     canvas.mottle(rng, canvas.box, 0.26, 2.5, 8)
@@ -49,7 +49,7 @@ def soil(rng: np.random.Generator, ground: Heightfield, kind: Soil) -> Canvas:
 
 
 def trail(canvas: Canvas, near: Array, colour: Colour, width: float) -> None:
-    """A way worn into the picture: near (rows, columns) m of every grid point from its middle."""
+    """Paint a worn path. near (rows, columns): m of every grid point from its centre line. width: m from there to its edge."""
     worn = np.clip(1.4 - 1.4 * _on_picture(near, canvas.pixels.shape[:2]) / width, 0, 1) * 0.75
     _mix(canvas, worn, colour)
 

@@ -1,4 +1,4 @@
-"""What is on walls: windows, doors, boards, posters, pipes and sockets. Each is painted with its left side at x m, and tells how wide it is."""
+"""Textures of things on walls: windows, doors, boards, posters, pipes and sockets. Functions of things at x m (left side) return the width, m."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ BRIGHT = np.array(
 
 
 def wall(rng: np.random.Generator, width: float, height: float, base: float, door: bool = False) -> Canvas:
-    """A whole wall, width x height m and down to `base` m: with `door`, one in its middle, else whatever hangs on walls."""
+    """A whole wall, width x height m and down to `base` m: with `door`, a closed door in its middle, else random things."""
     material = (plaster, plaster, brick, concrete)[int(rng.integers(4))]
     canvas = material(rng, width, height, base)
     skirting(canvas, rng)
@@ -29,7 +29,7 @@ def wall(rng: np.random.Generator, width: float, height: float, base: float, doo
 
 
 def _hang(canvas: Canvas, rng: np.random.Generator) -> None:
-    """Fill a wall from left to right, never the same thing twice in a row."""
+    """Fill a wall from left to right with things of changing kinds."""
     things: tuple[Callable[[Canvas, np.random.Generator, float], float], ...] = (
         _poster, _posters, _board, _notices, _window, _cupboard, _chart, _panel,
     )  # fmt: skip

@@ -4,13 +4,14 @@ import contextlib
 import io
 import json
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from sim.cli.main import COMMANDS, main
+from sim.cli.main import COMMANDS, _parse, main
 from tests.commands import pilsim
 from tests.tracker import sequences
 from tests.tracker.planar_slam.mrclam import write_set
@@ -130,6 +131,17 @@ def test_overview_fits_a_screen(columns: int, capsys: pytest.CaptureFixture[str]
     assert max(map(len, lines)) <= 80
     names = [line.split()[0] for line in lines if line.startswith("  ")]
     assert sorted(names) == sorted(COMMANDS)
+
+
+def test_the_command_of_a_stress_test_gives_its_case(tmp_path: Path) -> None:
+    words = ["stress", "--sweep", "density/0", "--pets", str(tmp_path), "--seeds", "2", "--out", str(tmp_path / "out")]
+    trials = _parse(words)._trials()
+    assert [trial.case.id for trial in trials] == ["density/0", "pets/real", "pets/twin", "density/0", "pets/twin"]
+    for trial in trials:
+        (again,) = _parse(shlex.split(trial.command)[1:])._trials()
+        assert again.case == trial.case
+    # The cases are made once for all seeds.
+    assert trials[0].case.faults is trials[3].case.faults
 
 
 def test_the_version(capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,9 +3,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from sim.crowd.crowd import ARRIVED, Crowd, CrowdState, Obstacles
+from sim.crowd.crowd import ARRIVED, Crowd, CrowdState, Obstacles, StepInput, update_behavior
 from sim.crowd.goals import GoalPlans, Schedule, make_plans, order_by_group
-from sim.crowd.social_force import BODY_RADIUS, PAUSE, VISIT
+from sim.crowd.social_force import BODY_RADIUS, PAUSE, SPEED, STUCK, VISIT, YIELDS
 from sim.scenario import Scenario
 from tests.sim.yard import yard
 from worlds import catalogue
@@ -63,6 +63,20 @@ def test_seventy_four_people_do_not_walk_through_each_other_or_walls(place):
     assert deep < 0.001 * frames
     assert through == 0
     assert np.median(state.body[:, VISIT]) >= 1
+
+
+def test_time_in_a_queue_counts_the_same_share_in_long_steps():
+    """Steps of sequences at 6 frames/s, and of kinematic placement."""
+    crowd, state = crossing(field(), np.array([[-8.0, 0.0]]), np.array([[8.0, 0.0]]))
+    desired, effect, obstacle = np.zeros((1, 6)), np.zeros((1, 5)), np.zeros((0, 7))
+    desired[:, SPEED] = effect[:, YIELDS] = 1.0
+    waited = []
+    for dt in (1 / 18, 1 / 6):
+        body = state.body.copy()
+        body[0, STUCK] = dt
+        update_behavior(body, (desired, effect, obstacle), crowd.constants()[0].goals, crowd.constants()[2], StepInput(0.0, dt, 1, 0))
+        waited.append(body[0, STUCK] / dt)
+    np.testing.assert_allclose(waited, 1 - 0.75 * 0.9)
 
 
 def test_the_same_start_gives_the_same_end_and_states_stay():

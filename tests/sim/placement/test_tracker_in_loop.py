@@ -1,9 +1,13 @@
 """The tracker in the loop: prediction of people whose tracks have ended, and the detections of a detector model."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
+from sim.placement.config import PlacementConfig
 from sim.placement.env import Placement
+from sim.placement.observations import empty, observe
 from sim.placement.tracker_in_loop import MEMORY_DURATION, TrackMemory
 from tracker.detector_models.model import model_text, named_model
 
@@ -63,6 +67,25 @@ def detected(model: str) -> list[np.ndarray]:
     loop = episode.tracking
     assert loop is not None
     return [found.bearing for found in loop.detected]
+
+
+def test_beliefs_hold_the_velocity_and_the_time_unseen_of_tracks():
+    environment = Placement(world="pilsun", robots=1, people=2, observation="tracks")
+    environment.reset(seed=3)
+    episode = environment.episode
+    assert episode is not None
+    assert episode.tracking is not None
+    episode.tracking.memory = walked(20)
+    no_reports(episode.tracking.memory, 12)
+    out = empty(environment.config, 1)
+    observe([episode], out)
+    np.testing.assert_allclose(out["beliefs"][0, :2, [0, 3, 4, 8]], [[1, 0], [0.6, 0], [0, 0], [0.1, 0]], atol=1e-6)
+
+
+@pytest.mark.parametrize("parameters", [{"fusion.reach": 10.0}, [["fusion.reach", 10.0]]])
+def test_parameters_of_a_mapping_or_of_lists_are_the_same(parameters: Any) -> None:
+    given = PlacementConfig(observation="tracks", parameters=parameters)
+    assert {given} == {PlacementConfig(observation="tracks", parameters=(("fusion.reach", 10.0),))}
 
 
 def test_the_model_gives_other_detections_and_the_same_again():

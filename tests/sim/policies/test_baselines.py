@@ -143,6 +143,25 @@ def test_planned_information_is_more_than_that_of_random_goals():
         assert found[name]["seen"].mean > found["random"]["seen"].mean
 
 
+@pytest.mark.command
+def test_an_interrupted_training_resumes_with_the_episodes_that_follow(tmp_path):
+    pytest.importorskip("stable_baselines3", reason="needs stable-baselines3 (make rl)")
+    import torch
+
+    from sim.policies.training import _new_or_resumed, _save
+    from sim.policies.vector_env import STRIDE, TeamVecEnv
+
+    envs = TeamVecEnv(OPTIONS, 2)
+    model, curve = _new_or_resumed(envs, tmp_path, 1280, 7)
+    # 40 choices of 6 robots: each team has run one episode and begun its second.
+    model.learn(240)
+    _save(model, curve, tmp_path)
+    resumed = TeamVecEnv(OPTIONS, 2)
+    _new_or_resumed(resumed, tmp_path, 1280, 7)
+    assert [team.number + STRIDE for team in resumed.teams] == [team.number for team in envs.teams]
+    assert torch.initial_seed() == 7 + 240
+
+
 @pytest.mark.soak
 def test_ppo_training_is_deterministic_and_its_policy_runs(tmp_path):
     pytest.importorskip("torch", reason="needs stable-baselines3 (make rl)")

@@ -1,5 +1,8 @@
 """Simulations whose robots follow a placement policy."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -9,6 +12,7 @@ from sim.policies.driven_simulation import LEAD_TIME, PolicySimulation
 from sim.policies.policy import best_ring
 from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
+from tests.sim.robots.samples import ackermann
 
 SCENARIO = Scenario(world="pilsun", difficulty=0.2, seed=1007, robots=2, people=3, frames=6)
 
@@ -25,6 +29,17 @@ def test_without_a_policy_it_equals_a_plain_simulation() -> None:
     assert driven.frame == 0
     np.testing.assert_array_equal(places(driven), places(plain))
     np.testing.assert_array_equal(driven.feet(), plain.feet())
+
+
+def test_policies_keep_the_speed_and_the_turning_radius_of_robots(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sim.policies.driven_simulation.LEAD_TIME", 0.0)
+    simulation = PolicySimulation(replace(SCENARIO, speed=0.3, robot=f"rover,{ackermann(tmp_path)}"), "static")
+    fastest = 0.0
+    for _ in range(12):
+        simulation.step()
+        fastest = max(fastest, *(abs(drive.speed) for drive in simulation.drives))
+    assert 0.2 < fastest < 0.3 + 1e-9
+    assert [driver.driver.turning_radius > 0 for driver in simulation._goal_drivers] == [False, True]
 
 
 @pytest.mark.soak

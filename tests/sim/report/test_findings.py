@@ -151,6 +151,38 @@ def test_real_beside_its_twin(tmp_path: Path) -> None:
     assert "60 frames each;" in dict(summary(read(tmp_path / "ours", stress_rows.density(2))))["What was tested"]
 
 
+def test_a_real_sequence_alone_has_findings(tmp_path: Path) -> None:
+    rows = [stress_rows.row("pets", k, value, 0, id=f"pets/{value}", parameter="source") for k, value in enumerate(("real", "twin"))]
+    both = read(tmp_path / "both", rows)
+    assert headline(both).startswith("MOTA is 0.900 on the real sequence and 0.910 on its simulated twin")
+    assert dict(summary(both))["Results"] == headline(both)
+    assert dict(summary(both))["What was tested"] == (
+        "Tracking of people; tracker: default. A real sequence, PETS 2009 S2.L1, compared with its simulated twin. 2 runs of 2 settings and 1 seed."
+    )
+    one = read(tmp_path / "one", [rows[0], stress_rows.failed(rows[1], "boom")])
+    assert headline(one) == "MOTA is 0.90 at source = real, the only setting with a score."
+    assert "1 run of 2 failed" in dict(summary(one))["Certainty"]
+
+
+def test_a_recording_is_no_simulation_and_a_room_has_no_robots(tmp_path: Path) -> None:
+    rows = [stress_rows.row("recorded_misses", k, value, 0, parameter="drop") for k, value in enumerate((0.0, 0.5))]
+    text = dict(summary(read(tmp_path / "recorded", rows)))
+    assert text["What was tested"].startswith("Tracking of people by the cameras of a recording with known truth; tracker: default.")
+    assert text["What was tested"].endswith("1 seed, at most 60 frames each.")
+    assert "cameras see 98 %" in text["Distance from the limits"]
+    room = stress_rows.row("room", 0, 3, 0, parameter="people")
+    room["scenario"]["robots"] = 0
+    assert "cameras see 98 %" in dict(summary(read(tmp_path / "room", [room])))["Distance from the limits"]
+    assert "robots see 98 %" in dict(summary(read(tmp_path / "rovers", [stress_rows.row("robots", 0, 7, 0)])))["Distance from the limits"]
+
+
+def test_a_map_without_landmarks_that_were_seen_often(tmp_path: Path) -> None:
+    row = stress_rows.row("density", 0, 5, 0)
+    row["scores"]["map_complete"] = None
+    text = dict(summary(read(tmp_path, [row])))["Distance from the limits"]
+    assert "The error of landmarks is 0.04 m. Ghosts are 10 % of the map." in text
+
+
 def test_the_worst_moments_are_of_many_kinds(tmp_path: Path) -> None:
     rows = stress_rows.density(5)
     for n, row in enumerate(rows):

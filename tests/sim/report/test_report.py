@@ -129,6 +129,12 @@ def test_a_page_of_failed_runs_only(tmp_path: Path) -> None:
     assert "10 more are in results.jsonl" in text
 
 
+def test_the_command_of_the_page_names_all_folders(tmp_path: Path) -> None:
+    first, second = (stress_rows.write(tmp_path / name, stress_rows.density(1)) for name in ("a b", "c"))
+    text, _ = parsed(write_report(first, others=[second]))
+    assert f"pilsim report &#39;{first}&#39; --beside {second}</code>" in text
+
+
 def test_two_svgs_share_no_id_and_numbers_of_an_axis_are_not_rounded() -> None:
     svg = '<?xml?><svg width="3" height="4" viewBox="0 0 3 4"><path id="a"/><use xlink:href="#a" style="clip-path: url(#a)"/></svg>'
     assert inline(svg, "x") == '<svg viewBox="0 0 3 4"><path id="x-a"/><use href="#x-a" style="clip-path: url(#x-a)"/></svg>'

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sim.placement.movers import VelocityDriver
 from sim.recording.tracker_setup import make_setup
 from sim.robots.controller import DriveCommand, RobotState
 from sim.robots.robot_choice import RobotChoice, parse_robots
@@ -93,6 +94,16 @@ def test_ankles_keep_the_feet_of_a_robot_level(tmp_path: Path) -> None:
     thighs, feet = np.split(np.array(up), 2, axis=1)
     assert thighs.min() < np.cos(0.2), "its legs swing"
     assert feet.min() > np.cos(0.01)
+
+
+def test_a_robot_that_turns_in_place_moves_its_legs(tmp_path: Path) -> None:
+    simulation = Simulation(Scenario(world="hall", difficulty=0.0, robots=1, people=0, robot=biped(tmp_path)))
+    simulation.set_drivers([VelocityDriver(0.0, 0.8)], simulation.drives)
+    up = []
+    for _ in range(18):
+        simulation.step()
+        up.append(simulation.data.body("robot_0/l_thigh").xmat[8])
+    assert min(up) < np.cos(0.08)
 
 
 def test_the_camera_is_where_it_is_told(tmp_path: Path) -> None:

@@ -1,14 +1,19 @@
 """Each error has one cause, and there are as many errors as the score counts."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from sim.scenario import Scenario
 from sim.stress.error_causes import CAUSES, FrameEvidence, Mistake, TrialEvidence, count_causes, find_mistakes, gather_evidence
 from sim.stress.runner import trial_scores
-from sim.stress.sweeps import Case
+from sim.stress.sweeps import Case, Faults, default_scenario, recording_cases
 from sim.stress.tracker_under_test import TrackerUnderTest
 from sim.stress.trial_data import simulate_case
+from tests.tracker.recordings.test_folder import small
+from tracker.recordings.folder import write_recording
 
 
 def frame(index: int, **changes: object) -> FrameEvidence:
@@ -94,6 +99,14 @@ def test_all_causes_are_listed_with_their_counts() -> None:
     assert {kind: tuple(causes) for kind, causes in counts.items()} == CAUSES
     assert counts["misses"]["occluded"] == 3
     assert sum(sum(causes.values()) for causes in counts.values()) == 4
+
+
+def test_nobody_sees_people_in_dropped_views_of_a_recording(tmp_path: Path) -> None:
+    write_recording(tmp_path, small())
+    (case,) = recording_cases(["recorded_dropout/3"], str(tmp_path), 2, default_scenario(3))
+    data = simulate_case(replace(case, faults=Faults(dropout=1.0)), rendered=False)
+    evidence = gather_evidence(data, TrackerUnderTest().results_of(data.tracker_setup, data.ticks, "x"))
+    assert [frame.visible.tolist() for frame in evidence.frames] == [[0.0, 0.0]] * 3
 
 
 def test_causes_add_up_to_the_score() -> None:

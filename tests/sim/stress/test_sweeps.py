@@ -101,6 +101,13 @@ def test_camera_sweeps_change_cameras_or_driving() -> None:
         cases(["seam"], replace(start, camera="fisheye"))
 
 
+def test_a_sweep_replaces_what_the_user_set() -> None:
+    start = replace(default_scenario(4), effects="readout=0.02,vignette=1.0", camera="dual-fisheye:baseline=0.02,output=stitched")
+    assert [case.scenario.camera_effects.readout for case in cases(["readout"], start)] == [None, 0.005, 0.01, 0.02, 0.033]
+    assert [parse_camera(case.scenario.camera).values["baseline"] for case in cases(["seam"], start)] == [0.0, 0.005, 0.01, 0.02, 0.03]
+    assert {case.scenario.camera_effects.vignette for case in cases(["readout", "seam"], start)} == {1.0}
+
+
 def test_the_tracker_is_told_wrong_mounts_and_the_truth_is_not() -> None:
     case = cases(["mount_angle/4"], replace(default_scenario(2), robots=1, people=0))[0]
     data = simulate_case(case, rendered=False)

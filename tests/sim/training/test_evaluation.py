@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.training.evaluation import HEIGHTS, SEEN, FoundImage, corners, judged
+from sim.training.evaluation import HEIGHTS, SEEN, FoundImage, corners, feet_errors, heights_of, judged
 from sim.training.targets import targets_of
 from tracker.metrics.box_detection import WantedBodies, average_precision, box_overlaps
 from tracker.person_detector.found_boxes import FoundBoxes, peaks_of
@@ -44,6 +44,13 @@ def test_average_precision_of_a_drawn_table():
     assert hits[np.argsort(-logits)].tolist() == [True, False, True]
     # 34 of the 101 recalls are at most 1/3, the next 33 at most 2/3.
     np.testing.assert_allclose(average_precision(logits, hits, count), (34 + 33 * 2 / 3) / 101)
+
+
+def test_tall_bodies_count_in_rooms():
+    body = [(0, 0, 200, 400)]
+    image = _image([(0, 0, 200, 420)], [3], body, [1])
+    assert len(feet_errors([image], 0.5, heights_of("panorama"))) == 0
+    np.testing.assert_allclose(feet_errors([image], 0.5, heights_of("room panorama")), [0.05])
 
 
 def test_hidden_bodies_count_neither_way():

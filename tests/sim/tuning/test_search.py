@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import html
 import json
 import os
 import re
+import shlex
 import signal
 import sqlite3
 import subprocess
@@ -18,11 +20,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sim.cli.main import _parse
+from sim.report.tuning_page import write_tuning_page
 from sim.tuning.case_file import PopulationCase, case_path, write_case
 from sim.tuning.kinds import scene
 from sim.tuning.population import PopulationKey, case_of, kind_of
-from sim.tuning.scoring import objective_value
-from sim.tuning.tuned import HeldOut
+from sim.tuning.scoring import CaseSource, objective_value
+from sim.tuning.search import SearchPlan
+from sim.tuning.tuned import HeldOut, TunedResult
 from tests.benchmarks.nearest_neighbour import nearest_neighbour
 from tests.commands import pilsim
 from tracker.parameter_file import read_parameters
@@ -104,6 +109,12 @@ def test_gains_are_paired_and_by_kind() -> None:
     assert tried.worst(2) == [0, 1]
 
 
+def test_the_page_says_where_unlisted_failures_are(tmp_path: Path) -> None:
+    plan = SearchPlan(tmp_path, "", (), {}, CaseSource(tmp_path / "cases", SEED), CASES)
+    found = TunedResult({}, 0, 0.5, 0.5, 41, 0, 40, ("boom",) * 40, ((0, 0.5),), (), {}, None)
+    assert "<p>10 more are in study.db.</p>" in write_tuning_page(plan, found, "pilsim tune").read_text()
+
+
 @pytest.mark.command
 def test_a_search_is_no_worse_than_the_default_and_its_files_are_of_use(words: list[str], tmp_path: Path) -> None:
     out = tmp_path / "out"
@@ -116,6 +127,8 @@ def test_a_search_is_no_worse_than_the_default_and_its_files_are_of_use(words: l
     page = (out / "index.html").read_text()
     assert page.count('<figure id="plot-') >= 5
     assert page.count("data:image/jpeg") == OTHERS
+    command = shlex.split(html.unescape(page.split("<code>")[1].split("</code>")[0]))
+    assert _parse(command[1:]) == _parse([*words, "--trials", "12", "--out", str(out)])
     again = pilsim(*words, "--trials", 12, "--out", out, "--json")
     assert json.loads(again.stdout) == found
     assert len(trials_of(out)) == 12

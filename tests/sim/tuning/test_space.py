@@ -5,13 +5,14 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sim.placement.config import PlacementConfig
 from sim.stress.tracker_under_test import TrackerUnderTest
-from sim.tuning.space import OWN_SPACE, function_defaults, own_defaults, read_space
+from sim.tuning.space import OWN_SPACE, SearchRange, function_defaults, own_defaults, read_space
 from tests.benchmarks.nearest_neighbour import GATE, nearest_neighbour
 from tracker.options import parameters_from
 from tracker.parameter_file import parameters_text, read_parameters, with_fields
@@ -64,6 +65,14 @@ def test_unknown_parameters_of_the_tracker_are_refused(tmp_path: Path, name: str
     path.write_text(f"[{name}]\n{entry}")
     with pytest.raises(ValueError, match=said):
         own_defaults(read_space(path), str(path))
+
+
+def test_integers_on_a_logarithmic_scale_are_drawn_on_it() -> None:
+    rng = np.random.default_rng(0)
+    drawn = [SearchRange("k", 1, 1000, log=True).draw(rng) for _ in range(400)]
+    assert all(type(value) is int for value in drawn)
+    assert 1 in drawn
+    assert 150 < sum(value <= 31 for value in drawn) < 250, "half of them are below the middle of the scale"
 
 
 def test_defaults_of_a_function_are_those_of_its_arguments(tmp_path: Path) -> None:

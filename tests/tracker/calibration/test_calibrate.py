@@ -10,14 +10,17 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from sim.cli.calibrate import Calibrate
 from tests.benchmarks.calibration import synthetic
 from tests.commands import pilsim
 from tests.tracker.calibration.blind_room import blind, late, place_errors, tilt_errors, walked_room
 from tests.tracker.recordings.walked_room import LENS
-from tracker.calibration import calibrate
+from tracker.calibration import Known, calibrate
 from tracker.calibration.body import CX, CY, FOCAL, PITCH, ROLL
+from tracker.calibration.calibrate import _Calibrator
 from tracker.geometry.cameras import Pinhole
 from tracker.recordings import Recording
+from tracker.recordings.clock_offsets import with_offsets
 from tracker.recordings.folder import read_recording, write_recording
 from tracker.recordings.recording import GUESSED_FOCAL
 
@@ -56,6 +59,22 @@ def test_what_is_not_known_is_told_and_the_guess_stands_beside(tmp_path: Path) -
     assert "The data do not say enough" in (tmp_path / "page.html").read_text()
     assert not (tmp_path / "new").exists()
     assert (tmp_path / "new.guess" / "recording.json").is_file()
+
+
+def test_late_times_are_counted_from_the_first_box() -> None:
+    room = walked_room(frames=40).choose(["C1", "C2"])
+    late_room = _Calibrator(with_offsets(room, dict.fromkeys(room.cameras, 3600.0)), Known())
+    start = _Calibrator(room, Known())
+    assert (late_room.steps, late_room.begin, start.begin) == (start.steps, 3600.0, 0.0)
+    np.testing.assert_allclose(late_room.views["C1"].table.time, start.views["C1"].table.time, atol=1e-9)
+
+
+def test_lens_parameters_that_are_not_estimated_are_named(capsys: pytest.CaptureFixture[str]) -> None:
+    room = walked_room(frames=40).choose(["C1", "C2"])
+    for source, said in (("current", True), ("nothing", False)):
+        Calibrate(Path("room"), Path("new"), source, k1=True)._believed(room)
+        line = "--principal and --k1 change nothing of C1, C2, whose K is known; --from nothing forgets it\n"
+        assert capsys.readouterr().err == line * said
 
 
 PAL = Pinhole(720, 576, 450.0, 480.0, 359.5, 287.5)

@@ -24,6 +24,22 @@ def test_swapped_cameras_get_their_own_calibration() -> None:
     assert unswapped(room) == (room, [])
 
 
+def test_a_known_height_is_believed_before_the_given_one() -> None:
+    room = replace(walked_room(frames=40), truth=None).choose(["C1"])
+    found = calibrate(room, Known(heights={"C1": 2.64}, refine=True))
+    assert found.cameras["C1"].pose.translation[2] == pytest.approx(2.64, rel=0.01)
+    assert [line.startswith("C1: height is +10.") for line in found.changes] == [True]
+
+
+def test_a_camera_without_tracklets_keeps_its_calibration_with_a_problem() -> None:
+    room = replace(walked_room(frames=40), truth=None).choose(["C1"])
+    rare = {frame: boxes for frame, boxes in room.detections["C1"].items() if frame % 20 == 0}
+    found = calibrate(replace(room, detections={"C1": rare}), Known(refine=True))
+    assert found.problems == ("too few boxes of people who can be told apart",)
+    assert found.cameras["C1"] is room.cameras["C1"]
+    assert not found.moved_frame
+
+
 @pytest.mark.soak
 @pytest.mark.parametrize("degrees", [0.0, 3.0])
 def test_a_camera_that_has_moved_is_put_right_and_no_other(degrees: float) -> None:

@@ -104,6 +104,26 @@ def test_front_matter_of_the_card(dataset: Path) -> None:
     assert "6 frames in all at 6 frames/s and 12 images" in body
 
 
+def test_both_files_name_the_licence_of_a_place(dataset: Path) -> None:
+    mlcroissant = pytest.importorskip("mlcroissant")
+    (dataset / NAMES[0] / "place.toml").write_text('source = "site.glb"\nlicence = "CC BY 4.0"\n')
+    write_croissant(dataset)
+    assert json.loads((dataset / "croissant.json").read_text())["license"] == "other"
+    assert "license: other" in card_of(dataset)
+    assert not mlcroissant.Dataset(jsonld=str(dataset / "croissant.json")).metadata.ctx.issues.errors
+
+
+def test_cameras_of_robots_and_fixed_ones_are_told_apart(dataset: Path) -> None:
+    assert "robots with panoramic cameras drive among them (2), and fixed pinhole cameras\nlook on (0)" in card_of(dataset)
+    path = dataset / NAMES[1] / "calibration.json"
+    calibration = read_json(path)
+    for camera in calibration["cameras"].values():
+        camera["model"] = "fisheye"
+    calibration["cameras"]["View_001"] = {"model": "tsai", "robot": "View_001"}
+    path.write_text(json.dumps(calibration))
+    assert "robots with cameras drive among them (2), and fixed pinhole cameras\nlook on (1)" in card_of(dataset)
+
+
 @pytest.mark.parametrize(("images", "name"), [(0, "n<1K"), (999, "n<1K"), (1000, "1K<n<10K"), (99_999, "10K<n<100K"), (10**9, "n>10M")])
 def test_size_categories(images: int, name: str) -> None:
     assert size_of(images) == name

@@ -9,13 +9,27 @@ from tests.tracker.recordings.walked_room import walked_room
 from tracker.detector_models.comparison import distances, table
 from tracker.detector_models.fit import fit
 from tracker.detector_models.independent import IndependentErrors
-from tracker.detector_models.model import Confidences, DetectorModel, EdgeErrors, FalseBoxes, Merges, Misses, SecondBoxes, StandingBoxes, model_text
+from tracker.detector_models.model import (
+    Confidences,
+    DetectorModel,
+    EdgeErrors,
+    FalseBoxes,
+    Merges,
+    Misses,
+    SecondBoxes,
+    StandingBoxes,
+    model_text,
+    parse_model,
+)
 from tracker.detector_models.observations import TruePeople, observed
 from tracker.detector_models.samples import joined, samples_of
 from tracker.detector_models.simulation import simulated_detections
+from tracker.recordings.degradation import BoxNoise, projected_boxes
 
 SPREAD = np.array([0.02, 0.03, 0.03, 0.03])
 """Of the terms of the edges, in body heights."""
+SEEN = ("confidence", "moved", "whole_error")
+"""Columns of samples that are unknown for people without a box."""
 
 
 def known_model() -> DetectorModel:
@@ -130,3 +144,36 @@ def test_joined_samples_count_people_apart(fitted):
     assert both.cameras == samples.cameras * 2
     with pytest.raises(ValueError, match=r"rates are 4, 2 frames/s"):
         joined([samples, replace(samples, period=0.5)])
+
+
+def test_people_without_boxes_may_be_all_that_a_replicate_draws(fitted):
+    people = fitted[0].people
+    lost = people.person != people.person[0]
+    none = {name: np.where(lost if (own := getattr(people, name)).ndim == 1 else lost[:, None], np.nan, own) for name in SEEN}
+    bare = replace(people, detected=people.detected & ~lost, merged=people.merged & ~lost, seconds=people.seconds * ~lost, **none)
+    model = fit(replace(fitted[0], people=bare), "one is found", "places", {}, replicates=20)
+    assert model.figures["confidences.median"][1] >= min(known_model().confidences.quantiles)
+
+
+def test_an_edge_that_no_box_shows_has_no_errors_and_no_figures(fitted):
+    border = fitted[0].people.border_in.copy()
+    border[:, 3] = 0.2
+    model = fit(replace(fitted[0], people=replace(fitted[0].people, border_in=border)), "close", "places", {}, replicates=3)
+    assert set(model.edges.quantiles[0][3]) == {0.0}
+    assert [name for name in model.figures if name.startswith("edges.bottom")] == []
+    assert parse_model(model_text(model)).edges == model.edges
+
+
+def test_boxes_that_equal_the_true_ones_are_fitted(room):
+    exact = projected_boxes(room, BoxNoise(0.0, 0.0), 1)
+    model = fit(samples_of(exact, observed(exact, TruePeople(room.truth, {}))), "exact", "places", {}, replicates=0)
+    assert np.array(model.edges.correlation).tolist() == np.eye(4).tolist()
+    # Without a bootstrap, only the exact intervals are known.
+    assert "misses.share" not in model.figures
+
+
+def test_frames_count_from_the_first_with_truth(room):
+    truth = {frame: people for frame, people in room.truth.items() if frame >= 140}
+    late = samples_of(room, observed(room, TruePeople(truth, {})))
+    assert late.people.frame.max() + 1 == late.false.frames[0] == 100
+    assert 0 <= late.false.frame.min() < late.false.frame.max() < 100

@@ -79,6 +79,7 @@ def test_files_of_versions_before_are_read(columns, read):
         ({"confidences.quantiles": list(range(21))[::-1]}, "rows that do not fall"),
         ({"false.samples": []}, "false.samples is empty"),
         ({"standing.samples": [[1, 2]]}, "standing.samples needs at most 400 x 6 numbers"),
+        ({"second.rates": [], "second.coefficients": [0.0] * 6}, "second.rates is empty, needs rates where there are coefficients"),
         ({"second.samples": [[1.0] * 8] * 401}, "second.samples needs at most 400 x 8 numbers"),
         ({"edges.trend": [[0.0] * 7] * 4}, "edges.trend needs trend_bounds"),
         ({"figures": {"a": [1]}}, "figures.a needs three numbers"),

@@ -90,6 +90,13 @@ def test_scores_read_the_part_that_was_tracked(tmp_path: Path, kind: str, option
     assert "\n" not in str(error.value)
 
 
+def test_results_open_the_source_with_the_offsets_of_their_run(tmp_path: Path) -> None:
+    folder = SOURCES["own"][1](tmp_path / "own")
+    chosen = SourceOptions.parse(offsets="C2=0.5")
+    assert SourceOptions.of_run(chosen.to_run()).offsets == "C2=0.5"
+    assert len(open_sequence(folder, SourceOptions.of_run(chosen.to_run())).ticks) == len(open_sequence(folder, chosen).ticks) > FRAMES
+
+
 def test_one_robot_of_a_team(tmp_path: Path) -> None:
     """The camera of a robot sees the other robot, which the part does not have."""
     folder = SOURCES["pilsim"][1](tmp_path / "s")

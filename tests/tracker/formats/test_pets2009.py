@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +17,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.tracker import sequences
 from tests.tracker.formats.scene import FRAMES
+from tests.tracker.formats.small_sources import write_pets
 from tracker.detections.boxes import detections_from_boxes
 from tracker.formats.opening import open_sequence
 from tracker.formats.pets2009 import PILLARS, Site, ground_truth, read_annotations, read_site, view_names, write_annotations, write_site
@@ -390,6 +392,16 @@ def test_choices_that_cannot_be_are_refused(data: Callable[..., Path], tmp_path:
     sequences.write(tmp_path / "s")
     with pytest.raises(ValueError, match="--degrade and --project are for recordings"):
         open_sequence(tmp_path / "s", SourceOptions.parse(degrade="drop=0.5"))
+
+
+def test_a_folder_of_detections_holds_all_cameras(tmp_path: Path) -> None:
+    """With and without files of the folder's own."""
+    folder, other = write_pets(tmp_path / "pets"), tmp_path / "found"
+    shutil.copytree(folder / "detections", other)
+    (folder / "detections" / "View_002.txt").unlink()
+    for _ in range(2):
+        assert list(open_sequence(folder, SourceOptions.parse([str(other)])).setup.mounts) == ["View_001", "View_002"]
+        shutil.rmtree(folder / "detections", ignore_errors=True)
 
 
 Exported = Callable[[str], Path]

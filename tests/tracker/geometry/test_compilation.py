@@ -102,6 +102,29 @@ def test_a_change_in_an_imported_kernel_or_number_is_noticed(folder: Path) -> No
         assert run(folder) == result
 
 
+HELPED = """
+from other import COUNT
+from tracker.geometry.compilation import njit
+
+@njit(cache=True)
+def last(x):
+    return helper(x)
+
+@njit(cache=True)
+def helper(x):
+    return x + COUNT
+
+print(last(21))
+"""
+
+
+def test_a_change_in_a_number_that_a_kernel_below_uses_is_noticed(folder: Path) -> None:
+    (folder / "kernel.py").write_text(HELPED)
+    for count, result in ((0, "21\n"), (33, "54\n")):
+        (folder / "other.py").write_text(f"COUNT = {count}\n")
+        assert run(folder) == result
+
+
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="needs root to give a folder to another user")
 def test_a_folder_of_another_user_is_no_cache(folder: Path, tmp_path: Path) -> None:
     (folder / "__pycache__").write_text("")

@@ -20,6 +20,7 @@ from tracker.metrics.box_detection import (
     outcome_of,
     reliability,
 )
+from tracker.metrics.box_scores import headline
 
 
 def crowd(seed, images=12):
@@ -108,6 +109,14 @@ def test_moda_and_modp_of_a_drawn_table():
     np.testing.assert_allclose(count_boxes([TABLE, empty], 0.5).modp_by_image, 0.875 / 2)
     # Least scores of 0.7 and 0.9 have the same MODA; 0.8 and 0.2 add a false box.
     assert best_moda([TABLE]) == (pytest.approx(1 / 3), 0.7)
+
+
+def test_the_best_moda_is_not_below_that_of_the_given_score():
+    """Of 101 scores, quantiles do not hold the second one, above which all boxes are hits."""
+    row = np.arange(101.0)
+    boxes = np.stack([30 * row, 0 * row, 30 * row + 20, 0 * row + 40], axis=1)
+    scores = headline([ImageBoxes.of(boxes[1:], boxes, row / 100)], WantedBodies(), 0.01)
+    assert (scores["moda"], scores["best_moda"], scores["best_moda_score"]) == (1.0, 1.0, 0.01)
 
 
 def test_ignored_bodies_and_places_that_are_not_judged_count_neither_way():

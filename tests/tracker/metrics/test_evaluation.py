@@ -105,8 +105,26 @@ def test_rows_flagged_0_follow_the_rule_of_trackeval_or_the_chosen_one(tmp_path:
 
 def test_positions_are_needed_to_compare_positions(data: Callable[..., Path]) -> None:
     folder = data("pets2009", "S2.L1", "mot15")
-    with pytest.raises(ValueError, match=r"cem_result.txt: row 1 has no x, y, z; give --iou"):
+    with pytest.raises(ValueError, match=r"cem_result.txt:1: has no x, y, z; give --iou"):
         evaluate_files(folder / "gt.txt", folder / "cem_result.txt", None)
+
+
+@pytest.mark.parametrize("lost", ["1,3,5,5,9,9,1,-1,-1,-1", "1,3,5,5,9,9,1,1,1"])
+def test_a_row_without_a_position_is_named_by_its_line(tmp_path: Path, lost: str) -> None:
+    """Blank and repeated lines count; the second row is of MOT17."""
+    (tmp_path / "r.txt").write_text("1,1,-1,-1,-1,-1,1,2,3,0\n" * 2)
+    (tmp_path / "gt.txt").write_text("\n\n" + lost + "\n")
+    with pytest.raises(ValueError, match=r"gt.txt:3: has no x, y, z; give --iou"):
+        evaluate_files(tmp_path / "gt.txt", tmp_path / "r.txt", None)
+
+
+def test_counted_rows_of_nine_columns_are_pedestrians_alone(tmp_path: Path) -> None:
+    """Two pedestrians, one of them flagged 0, and a car, on which an estimate is false."""
+    rows = [(k, f"1,{k},{100 * k},50,40,100") for k in (1, 2, 3)]
+    (tmp_path / "r.txt").write_text("".join(f"{box},1,-1,-1,-1\n" for _, box in rows))
+    (tmp_path / "gt.txt").write_text("".join(f"{box},{int(k == 1)},{3 if k == 3 else 1},1\n" for k, box in rows))
+    found = evaluate_files(tmp_path / "gt.txt", tmp_path / "r.txt", 0.5, flagged="counted")["targets"]
+    assert (found["truths"], found["misses"], found["false_positives"]) == (2, 0, 1)
 
 
 def test_too_few_frames_are_an_error(tmp_path: Path) -> None:

@@ -70,7 +70,7 @@ def test_magnified_parts_are_bounded_and_hold_their_peaks() -> None:
     assert parts == magnified_parts(peaks.select(rng.permutation(80)), (256, 512, 3), wraps=False)
     assert 0 < sum(part.area for part in parts) <= LARGEST_SHARE * 256 * 512
     assert parts[0].holds(peaks.select(np.array([np.argmax(peaks.score)]))).all()
-    assert not magnified_parts(FoundBoxes.none(), (256, 512, 3), wraps=True)
+    assert not magnified_parts(peaks.select(np.zeros(0, dtype=int)), (256, 512, 3), wraps=True)
 
 
 def test_scores_follow_the_calibration(tmp_path: Path) -> None:

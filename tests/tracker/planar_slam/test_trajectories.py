@@ -61,6 +61,15 @@ def test_ate_is_the_mean_over_robots_and_rpe_shows_a_scale_error() -> None:
     assert s["rpe_m"] == pytest.approx(np.sqrt(0.5) * 0.1)
 
 
+def test_steps_of_more_than_two_seconds_have_no_relative_error() -> None:
+    robot = straight(1)
+    slow = UtiasRobot(robot.odometry, robot.measurements, robot.subject, robot.truth * [150, 150, 1, 1], {})
+    p = paths()
+    far = PlanarTrajectories(TIMES * 150, {1: slow.truth[:, 1:]}, {1: p.covariances[1]}, p.landmarks, p.run)
+    scores = score_trajectories(UtiasDataset({1: slow}, team().landmarks, ()), far)
+    assert (scores["ate_m"], scores["rpe_m"]) == (0.0, None)
+
+
 def test_truth_is_known_near_its_samples() -> None:
     robot = straight(1)
     sparse = UtiasRobot(robot.odometry, robot.measurements, robot.subject, robot.truth[[0, 1, 2, 60, 99]], {})

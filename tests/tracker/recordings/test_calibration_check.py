@@ -15,6 +15,7 @@ from tracker.formats.opening import open_recording
 from tracker.formats.source_options import SourceOptions
 from tracker.recordings import Recording
 from tracker.recordings.calibration_check import CalibrationReport, check_calibration
+from tracker.recordings.calibration_feet import MOST_BOXES, CalibrationCase
 from tracker.recordings.calibration_timing import STRETCHES
 from tracker.recordings.degradation import BoxNoise
 
@@ -32,6 +33,13 @@ def room() -> Recording:
 
 def kinds(report: CalibrationReport) -> list[str]:
     return [finding.kind for finding in report.findings]
+
+
+def test_changed_boxes_are_those_of_the_frames_that_are_used() -> None:
+    boxes = {f: (np.tile([600.0, 300.0, 40.0, 100.0], (MOST_BOXES // 3, 1)), np.ones(MOST_BOXES // 3)) for f in range(5)}
+    case = CalibrationCase.of(Recording(4.0, {"C1": room().cameras["C1"]}, {"C1": boxes}))
+    changed = case.with_changed_boxes(["C1"], lambda box, _: box)
+    assert len(changed.rays["C1"].frame) == len(case.rays["C1"].frame) == MOST_BOXES
 
 
 def without_truth(recording: Recording) -> Recording:

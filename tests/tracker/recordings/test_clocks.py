@@ -104,10 +104,44 @@ def test_a_late_view_is_in_the_tick_of_the_nearest_frame() -> None:
 
 def test_frames_of_a_lone_camera_are_at_its_stamps() -> None:
     stamps = {0: 0.0, 1: 0.04, 2: 0.3, 5: 0.5}
-    ticks = Schedule(25.0, 6, {"A": CameraClock(stamps=stamps)}, {"A": False}).ticks()
+    lone = Recording(25.0, {"C1": walked_room().cameras["C1"]}, {"C1": {}}, clocks={"C1": CameraClock(stamps=stamps)}, frames=6)
+    ticks = lone.schedule.ticks()
     assert {t.frame: t.time for t in ticks if t.frames} == pytest.approx(stamps, abs=1e-5)
     assert all(t.reported for t in ticks)
     assert len(ticks) == 6
+
+
+def test_a_chosen_camera_with_stamps_keeps_the_frames_of_the_recording() -> None:
+    """C1 is faster than the recording; alone, it is not all cameras."""
+    room = walked_room(people=2, frames=20)
+    fast = {f: f / 12 for f in range(58)}
+    boxes = {f: room.detections["C1"][f // 3] for f in fast}
+    apart = replace(room, detections={**room.detections, "C1": boxes}, clocks={"C1": CameraClock(stamps=fast)}, stamps=None)
+    alone = apart.choose(["C1"])
+    assert alone.frames == 20
+    assert alone.schedule.times.tolist() == apart.schedule.times.tolist()
+    assert {t.frame: t.frames["C1"] for t in alone.schedule.ticks() if t.reported} == {k: 3 * k for k in range(20)}
+
+
+def test_frames_stay_at_shared_stamps_where_a_camera_is_late() -> None:
+    """All cameras take frames 0.3 s apart, with a break of 5 s, in a recording of 4 frames/s."""
+    room = walked_room(people=2, frames=20)
+    stamps = {f: 0.3 * f + 5.0 * (f >= 10) for f in range(20)}
+    shared = replace(room, clocks=dict.fromkeys(room.cameras, CameraClock(stamps=stamps)), stamps=None)
+    late = with_offsets(shared, {"C2": 0.1})
+    assert late.frames == 21
+    assert late.schedule.times[:20].tolist() == pytest.approx(list(stamps.values()), abs=1e-4)
+    assert [t.later["C2"] for t in late.schedule.ticks() if t.frame < 20] == pytest.approx([0.1] * 20, abs=1e-4)
+    part = late.cut(5, 15)
+    assert part.schedule.times.tolist() == pytest.approx([stamps[f] - stamps[5] for f in range(5, 15)], abs=1e-4)
+    assert part.truth_of("C1") == part.truth
+
+
+def test_a_part_with_a_late_camera_holds_its_last_view() -> None:
+    late = replace(walked_room(people=2, frames=20), frames=0, clocks={"C2": CameraClock(0.1)})
+    part = late.cut(5, 15)
+    assert part.frames == 10
+    assert sorted(part.detections["C2"]) == list(range(10))
 
 
 def test_odometry_of_a_robot_is_that_of_its_frame() -> None:

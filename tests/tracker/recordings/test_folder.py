@@ -70,6 +70,15 @@ def test_a_recording_is_read_as_it_was_written(tmp_path: Path) -> None:
     assert [len(truth.person_id) for truth in sequence.truth or ()] == [2, 2, 2]
 
 
+def test_pillars_are_kept_and_checked(tmp_path: Path) -> None:
+    write_recording(tmp_path, replace(small(), pillars=np.array([[1.0, 2.0, 0.1, 0.0, 2.4]])))
+    assert read_recording(tmp_path).pillars.tolist() == [[1.0, 2.0, 0.1, 0.0, 2.4]]
+    file = tmp_path / "recording.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | {"pillars": [[1, 2, 0, 0, 2]]}))
+    with pytest.raises(ValueError, match=r"recording\.json: pillars is .*, needs rows of x, y, radius"):
+        read_recording(tmp_path)
+
+
 def test_robots_terrain_and_images_are_kept(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     heights = rng.uniform(0, 0.2, (5, 6))

@@ -15,6 +15,7 @@ from tracker.metrics.evaluation import evaluate
 from tracker.pipeline import track
 from tracker.recordings import Recording
 from tracker.recordings.calibration_check import suspicion
+from tracker.recordings.clocks import CameraClock
 from tracker.recordings.folder import read_recording, write_recording
 from tracker.recordings.image_check import image_findings, silent_frames
 from tracker.recordings.images import ImageFiles, VideoFile
@@ -78,6 +79,31 @@ def test_images_of_another_size_and_missing_ones(tmp_path: Path) -> None:
     assert (other.kind, missing.kind) == ("image-size", "images-missing")
     assert "is 640 x 360 px, and the calibration is of 1280 x 720 px" in other.words
     assert "1 of 4 frames with boxes have no image (3)" in missing.words
+
+
+def test_a_camera_without_images_in_the_part_is_told() -> None:
+    found = image_findings(replace(walked_room(people=2, frames=4), images={"C1": ImageFiles({})}))
+    assert [one.kind for one in found] == ["images-missing"]
+    assert "4 of 4 frames with boxes have no image (1-4)" in found[0].words
+
+
+def test_a_video_of_the_rate_of_its_camera_is_right(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    room = walked_room(people=2, frames=12)
+    source = VideoFile(video(tmp_path / "a.mkv", list(range(12))))
+    assert image_findings(replace(room, images={"C1": source}, clocks={"C1": CameraClock(rate=30.0)})) == []
+    assert image_findings(replace(room, images={"C1": source}, clocks={"C1": CameraClock(stamps={k: k / 30 for k in range(12)})})) == []
+    assert not caplog.text
+    image_findings(replace(room, images={"C1": source}, clocks={"C1": CameraClock(rate=15.0)}))
+    assert "frames/s by its stamps, and camera C1 has 15; its frames" in caplog.text
+
+
+def test_boxes_after_the_end_of_an_uneven_video_are_told(tmp_path: Path) -> None:
+    write_recording(tmp_path, walked_room(people=2, frames=12))
+    (tmp_path / "video").mkdir()
+    video(tmp_path / "video" / "C1.mkv", [0, 8, 15, 30, 32, 38, 45, 52])
+    recording = read_recording(tmp_path, strict=False)
+    assert recording.clocks["C1"].time(11, recording.rate) == pytest.approx((52 + 4 * 7) / 30, abs=0.15)
+    assert [one.kind for one in image_findings(recording)] == ["video-short"]
 
 
 def test_videos_of_another_rate_and_number_of_frames(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -76,6 +76,10 @@ def test_names_are_in_natural_order_which_is_told(tmp_path: Path, caplog: pytest
         (["7.png", "cover.png"], [6], "cover.png left out"),
         (["1695132345.10.png", "1695132345.35.png", "1695132346.60.png"], [0, 1, 2], "names are times, taken as frames 1 to 3"),
         ([f"{k}.png" for k in (1695132345000, 1695132345100)], [0, 1], "names are times"),
+        (["1700000000.png"], [0], "names are times"),
+        (["20240101_120000.png"], [0], "names are times"),
+        (["20240101_120000.png", "20240101_120005.png"], [0, 1], "names are times"),
+        (["20240101_000007.png", "20240101_000060.png"], [6, 59], ""),
     ],
 )
 def test_numbers_of_a_recording(tmp_path: Path, caplog: pytest.LogCaptureFixture, names: list[str], frames: list[int], word: str) -> None:
@@ -149,6 +153,23 @@ def test_exif_orientation_is_applied_in_folders_and_recordings(tmp_path: Path, k
         assert image.shape == (*SIZE, 3)
         assert np.abs(image.astype(int) - grey(60)).mean() < 4
     assert ("turned upright" in caplog.text) == (orientation != 1)
+
+
+def test_one_line_tells_of_all_turned_images_of_a_folder(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    exif = Pillow.Exif()
+    exif[0x0112] = 6
+    for name in ("1.jpg", "2.jpg", "3.jpg"):
+        Pillow.fromarray(grey(60)).save(tmp_path / name, exif=exif)
+    with caplog.at_level(logging.WARNING):
+        assert len(list(frames_of_pictures(tmp_path))) == 3
+    assert caplog.text.count("turned upright") == 1
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.int32])
+def test_values_of_32_bits_are_refused(tmp_path: Path, kind: type) -> None:
+    Pillow.fromarray(np.full((8, 8), 70000, kind)).save(tmp_path / "deep.tif")
+    with pytest.raises(ValueError, match=rf"deep\.tif: is an image of {kind.__name__} values, needs 8 or 16 bits"):
+        list(frames_of_pictures(tmp_path))
 
 
 @pytest.mark.parametrize("suffix", PICTURES)

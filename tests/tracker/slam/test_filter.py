@@ -241,6 +241,20 @@ def test_the_map_keeps_its_capacity() -> None:
     assert slam.counters["map full"] > 0
     assert len(np.unique(slam.identities())) == len(slam.identities())
     assert error < drift
+    with pytest.raises(ValueError, match="capacity is 8, needs at least the 12 new landmarks of a tick"):
+        SlamParameters(capacity=8)
+
+
+def test_rows_of_all_cameras_of_a_robot_are_moved_to_the_time_of_the_frame() -> None:
+    mount = Mount(Panorama(64, 32), Pose.identity(), "r", readout=0.05)
+    setup = Setup({"a": mount, "b": mount}, Flat(), {"r": Start(Pose.identity(), 1e-4 * np.eye(6))}, 0.1)
+    bearing = np.array([[1.0, 0.0, 0.0], [0.0, 0.6, 0.8]])
+    seen = Sightings(bearing, np.full(2, np.nan), np.full(2, -1), np.eye(2, 128, dtype=np.float32), np.tile(1e-4 * np.eye(2), (2, 1, 1)))
+    odometry = Odometry(Pose.planar(0.0, 0.0, 0.2), 1e-6 * np.eye(6), np.array([0.0, 0.0, 1.0]), 0.01)
+    slam = Slam(setup, SlamParameters())
+    slam.step(Tick(0, 0.0, (View("a", Detections.none(), seen, odometry), View("b", Detections.none(), seen))))
+    assert np.abs(slam.sighted["a"].bearing - bearing[::-1]).max() > 0.01
+    np.testing.assert_array_equal(slam.sighted["b"].bearing, slam.sighted["a"].bearing)
 
 
 def test_a_gap_of_the_odometry_inflates_the_covariance() -> None:

@@ -52,8 +52,10 @@ def test_robot_detections_are_directions_of_different_robots() -> None:
     assert RobotDetections(ahead, ("a", "b"), sure).robot == ("a", "b")
     with pytest.raises(ValueError, match="detected robots are a, a, needs each robot once"):
         RobotDetections(ahead, ("a", "a"), sure)
-    with pytest.raises(ValueError, match="robot bearing has length 2 off 1"):
+    with pytest.raises(ValueError, match="robot bearing has length 2, needs 1"):
         RobotDetections(2 * ahead, ("a", "b"), sure)
+    with pytest.raises(ValueError, match=r"robot bearing has length 0\.5, needs 1"):
+        RobotDetections(0.5 * ahead, ("a", "b"), sure)
     with pytest.raises(ValueError, match="covariance of robot detection 0 is"):
         RobotDetections(ahead, ("a", "b"), 0 * sure)
     with pytest.raises(ValueError, match=r"bearing has shape \(2, 3\)"):

@@ -12,6 +12,7 @@ from PIL import Image
 from tests.worlds.inspection import can_be_walked, rays_hit_the_ground
 from tests.worlds.places.samples import hills, pixel_centres, write_png
 from worlds import catalogue
+from worlds.places.height_map import read_height_map
 from worlds.places.place import place_of
 from worlds.world import World
 
@@ -24,9 +25,10 @@ def built(name: str, seed: int = 0) -> World:
     return catalogue.build(name, np.random.default_rng(seed), 0.5)
 
 
-def write_tiff(path: Path, heights: np.ndarray, pixel: float, model: int = 1) -> str:
-    keys = (1, 1, 0, 2, 1024, 0, 1, model, 3072, 0, 1, 25832)
-    tags = [(33550, "d", 3, (pixel, pixel, 0.0), True), (33922, "d", 6, (0, 0, 0, 500_000.0, 5_400_000.0, 0), True), (34735, "H", 12, keys, True)]
+def write_tiff(path: Path, heights: np.ndarray, pixel: float, model: int = 1, vertical: int = 9001) -> str:
+    """vertical: unit of heights, as EPSG numbers it."""
+    keys = (1, 1, 0, 3, 1024, 0, 1, model, 3072, 0, 1, 25832, 4099, 0, 1, vertical)
+    tags = [(33550, "d", 3, (pixel, pixel, 0.0), True), (33922, "d", 6, (0, 0, 0, 500_000.0, 5_400_000.0, 0), True), (34735, "H", 16, keys, True)]
     tifffile.imwrite(path, heights.astype(np.float32), extratags=[*tags, (42113, "s", 0, "-9999", True)])
     return str(path)
 
@@ -52,6 +54,24 @@ def test_choices_of_a_place_are_read_again(tmp_path: Path) -> None:
     assert tomllib.loads(world.place)["licence"] == "CC0"
     points = np.random.default_rng(0).uniform(-8, 8, (500, 2))
     assert np.ptp(world.terrain.height_at(points) - hills(*points.T)) < 0.02
+
+
+def test_heights_of_a_geotiff_may_be_feet_and_have_a_level(tmp_path: Path) -> None:
+    z = hills(*pixel_centres(40.0, 80))
+    feet = write_tiff(tmp_path / "feet.tif", z / 0.3048, 0.5, vertical=9002)
+    np.testing.assert_allclose(
+        read_height_map(place_of(feet)).ground.heights, built(write_tiff(tmp_path / "m.tif", z, 0.5)).ground.heights, atol=1e-3
+    )
+    assert read_height_map(place_of(f"{feet}:low=100")).found["found_lowest"] == pytest.approx(100.0, abs=0.1)
+
+
+def test_a_stored_place_is_found_from_the_present_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`generate` writes the path of a place as it was given, into another folder."""
+    (tmp_path / "out").mkdir()
+    name = write_png(tmp_path / "dem.png").replace(str(tmp_path / "dem.png"), "dem.png")
+    monkeypatch.chdir(tmp_path)
+    Path("out/place.toml").write_text(built(name).place)
+    assert place_of("out/place.toml").source == Path("dem.png")
 
 
 def test_a_geotiff_has_its_metres_and_its_holes(tmp_path: Path) -> None:
@@ -93,7 +113,7 @@ BAD = {
     "{png}:size=40,low=0,high=4,entrances=100:0": "entrance 100:0 is not free",
     "{png}:size=40,low=0,high=4,texture=none.jpg": "texture none.jpg: no such file",
     "{folder}/colour.png:size=40,low=0,high=4": "is a picture in color",
-    "{folder}/eight.png:size=40,low=0,high=40": r"has 8 bits, so that 40 m are in steps of 0\.16 m, needs 16 bits",
+    "{folder}/eight.png:size=40,low=0,high=40": r"has 8 bits, so that 40 m are in steps of 0\.5 m, needs 16 bits",
     "{folder}/broken.png:size=40,low=0,high=4": "no PNG that can be read",
     "{folder}/broken.tif": "no TIFF that can be read",
     "{folder}/nan.tif": "has no height at all",

@@ -14,6 +14,9 @@ import trimesh
 from tests.worlds.inspection import can_be_walked
 from tests.worlds.places.samples import MODEL, house, write_house
 from worlds import catalogue
+from worlds.places import mesh_file
+from worlds.places.mesh_file import read_mesh
+from worlds.places.place import place_of
 from worlds.semantics import class_of, kind_of
 from worlds.world import World
 
@@ -70,6 +73,7 @@ def test_parts_have_the_class_of_their_names(glb: World) -> None:
     assert all(class_of(name) for name in names)
     assert kind_of("Old_OakTree.003 Material") == "tree"
     assert kind_of("mesh_17") is None
+    assert kind_of("door_mat") == "table", "no wall"
 
 
 def test_a_scan_without_names_is_ground_where_one_walks(tmp_path: Path) -> None:
@@ -93,6 +97,48 @@ def test_more_triangles_than_the_bound_are_reduced(tmp_path: Path, monkeypatch: 
     assert any("reduced" in note for note in world.notes)
     assert sum(len(mesh.userface) // 3 for mesh in world.spec.meshes) <= 4500
     can_be_walked(world, 40)
+
+
+def test_reduced_faces_keep_colours_of_the_mesh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half of a hill is red and half is blue: no face of the simplified hill has a colour between."""
+    x, y = np.meshgrid(np.linspace(-10, 10, 60), np.linspace(-10, 10, 60))
+    hill = trimesh.Trimesh(np.column_stack([x.ravel(), y.ravel(), np.sin(x.ravel() / 4)]), _cells(60), process=False)
+    hill.visual = trimesh.visual.ColorVisuals(
+        hill, vertex_colors=np.where(x.ravel()[:, None] < 0, [255, 0, 0, 255], [0, 0, 255, 255]).astype(np.uint8)
+    )
+    (tmp_path / "hill.ply").write_bytes(hill.export(file_type="ply"))
+    monkeypatch.setattr(mesh_file, "MOST_TRIANGLES", 2000)
+    part = read_mesh(place_of(str(tmp_path / "hill.ply"))).parts[0]
+    assert part.uv is not None
+    assert part.image is not None
+    assert len(part.faces) < 3000
+    texel = np.floor(part.uv[part.faces] * [1, -1] * mesh_file.PALETTE + [0, mesh_file.PALETTE]).astype(int)
+    assert (np.ptp(texel, axis=1) == 0).all(), "one colour a face"
+    colour = part.image[texel[:, 0, 1], texel[:, 0, 0]]
+    pure = (colour == [255, 0, 0]).all(axis=1) | (colour == [0, 0, 255]).all(axis=1)
+    assert pure.mean() > 0.9, "but for the cells of the border"
+
+
+def _cells(n: int) -> np.ndarray:
+    """Triangles of a grid of n x n vertices."""
+    node = np.arange(n * n).reshape(n, n)
+    a, b, c, d = node[:-1, :-1].ravel(), node[:-1, 1:].ravel(), node[1:, 1:].ravel(), node[1:, :-1].ravel()
+    return np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+
+
+def test_ceilings_occlude_nobody_and_towers_do(tmp_path: Path) -> None:
+    """A scan of a room has a ceiling of one sheet that faces down. A tower of 60 m begins above where rays to usual tops do."""
+    scene = trimesh.Scene()
+    for name, low, high in (("ground", (-10, -10, -0.5), (10, 10, 0)), ("building", (2, 2, 0), (4, 4, 60.0))):
+        box = trimesh.creation.box(bounds=[low, high])
+        scene.add_geometry(box, node_name=name, geom_name=name)
+    sheet = trimesh.Trimesh(
+        [(-8, -8, 3), (0, -8, 3), (0, 0, 3), (-8, 0, 3), (-4, -4, 3.01)], [(1, 0, 4), (2, 1, 4), (3, 2, 4), (0, 3, 4)], process=False
+    )
+    scene.add_geometry(sheet, node_name="ceiling", geom_name="ceiling")
+    (tmp_path / "town.ply").write_bytes(scene.to_mesh().export(file_type="ply"))
+    tops = built(f"{tmp_path / 'town.ply'}:unit=m,up=z").tops()
+    assert tops.height_at(np.array([[-4.0, -4.0], [3.0, 3.0], [8.0, -8.0]])) == pytest.approx([0.0, 60.0, 0.0], abs=0.02)
 
 
 def test_a_part_of_one_triangle_is_drawn(tmp_path: Path) -> None:

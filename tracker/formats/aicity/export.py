@@ -1,4 +1,4 @@
-"""Export to track 1 of the AI City Challenge: scenes of fixed cameras with truth, and results as the one file of a submission."""
+"""Export to track 1 of the AI City Challenge: scenes of fixed cameras with truth, and results as the file of a submission."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def scene_of(results: Results) -> int:
 
 
 def rows_of_results(results: Results, scene: int) -> AiCityRows:
-    """The tracks of a run as rows of a result file. Ids are moved up where one is below 1."""
+    """The tracks of a run as rows of a result file. Ids are shifted where the least is below 1."""
     boxes = boxes_of_tracks(results.tracks, online=True)
     ids = np.concatenate([np.zeros(0, dtype=np.int64), *(ids for ids, _ in boxes.values())])
     frame = np.repeat(np.array(list(boxes), dtype=np.int64), [len(ids) for ids, _ in boxes.values()])
@@ -144,9 +144,9 @@ def is_results(folder: Path) -> bool:
 
 
 def export_results(folder: Path, out: Path, scene: int | None = None) -> int:
-    """Write the results in `folder` as RESULT_FILE, that of a submission, with a README.md into `out` atomically. Returns the scene.
+    """Write the results in `folder` as RESULT_FILE of a submission, with a README.md, into `out` atomically. Returns the scene.
 
-    scene: scene_id; without it the number in the name of the source.
+    scene: scene_id; None for the last number in the name of the source.
     Raises ValueError as read_results, as export_folder, and for a negative scene.
     """
     results = read_results(folder)

@@ -1,15 +1,15 @@
 """AI City Challenge, track 1 of 2025 and 2026: calibration.json, ground_truth.json and the result file; readers and writers.
 
-Sources, read in 2026: the result file at https://www.aicitychallenge.org/2025-track1/ and /2026-track1/. The keys of both JSON files are in the card
-of the data, https://huggingface.co/datasets/nvidia/PhysicalAI-SmartSpaces, and of calibration.json also in NVIDIA's schema,
+Sources, read in 2026: https://www.aicitychallenge.org/2025-track1/ and /2026-track1/ describe the result file. The data card,
+https://huggingface.co/datasets/nvidia/PhysicalAI-SmartSpaces, has the keys of both JSON files. Those of calibration.json are also in NVIDIA's schema,
 https://docs.nvidia.com/vss/system-components/calibration/calibration-schema.
 
-The world is right-handed with z up, in metres; frames count from 0. Cameras are pinholes without distortion, their matrices those of OpenCV:
+The world is right-handed with z up, in metres; frames count from 0. Cameras are pinholes without distortion, with OpenCV's matrices:
 x_camera = R x_world + t with x right, y down, z ahead. `extrinsicMatrix` is [R | t] (3, 4), `cameraMatrix` is K [R | t], and `homography`
-takes (x, y, 1) on the plane z = 0 to the image. The readers need `intrinsicMatrix` and `extrinsicMatrix` alone.
+maps (x, y, 1) on the plane z = 0 to the image. Of the matrices, the readers use only `intrinsicMatrix` and `extrinsicMatrix`.
 
-An object's box has its middle at `3d location`, sizes along its own axes x (width), y (length), z (height) in `3d bounding box scale`,
-and pitch, roll, yaw in radians in `3d bounding box rotation`. Boxes in images are the first and the last x and y, px.
+An object's box has its middle at `3d location`. `3d bounding box scale` has its sizes along its own axes x (width), y (length), z (height), and
+`3d bounding box rotation` has pitch, roll and yaw in radians. Boxes in images are the first and the last x and y, px.
 """
 
 from __future__ import annotations
@@ -39,13 +39,15 @@ CALIBRATION, TRUTH = "calibration.json", "ground_truth.json"
 CLASSES = ("Person", "Forklift", "NovaCarter", "Transporter", "FourierGR1T2", "AgilityDigit")
 """Names of the classes by class_id, as in 2025."""
 PERSON = CLASSES[0]
+NUMBERS = ("fps", "frameWidth", "frameHeight")
+"""Attributes of a sensor that are read."""
 COLUMNS = ("scene_id", "class_id", "object_id", "frame_id", "x", "y", "z", "width", "length", "height", "yaw")
 """The columns of the result file; the first four are whole numbers."""
 WHOLE = 4
 LARGEST_ID = 2**53
 LARGEST_FRAME = 1_000_000
 LARGEST = 1e7
-"""Metres, pixels or radians: numbers beyond are refused."""
+"""Metres, pixels or radians: numbers of at least this size are refused."""
 LARGEST_TRUTH = 1 << 29
 """Bytes; scenes of 9000 frames have about 300 MB."""
 _DECIMALS = 6
@@ -72,7 +74,7 @@ class AiCityObject:
 class AiCityRows:
     """The rows of a result file: scene, category (class_id), id and frame (n,), centre (n, 3) m, size (n, 3) m, yaw (n,) rad.
 
-    Raises ValueError for a negative number of the first four or a size that is not above 0, and for an object twice in a frame.
+    Raises ValueError for a negative value of the first four, a size not above 0, and an object twice in a frame.
     """
 
     scene: Ints
@@ -107,7 +109,7 @@ class AiCityRows:
 def read_calibration(path: Path) -> tuple[float, dict[str, RecordingCamera]]:
     """The rate, frames/s, and the cameras of a calibration.json; sensors of another type are left out.
 
-    Raises ValueError with file and field for missing or invalid fields, a name that stands twice, other rates, and for a file without cameras.
+    Raises ValueError with file and field for missing or invalid fields, a repeated name, different rates, and for a file without cameras.
     """
     cameras, rates = dict[str, RecordingCamera](), dict[float, str]()
     for sensor in JsonObject(read_json(path), str(path)).objects("sensors")[:MAX_CAMERAS]:
@@ -133,14 +135,16 @@ def read_calibration(path: Path) -> tuple[float, dict[str, RecordingCamera]]:
 
 
 def _attributes(sensor: JsonObject) -> JsonObject:
-    """The attributes of a sensor, which files have as numbers or as text."""
+    """The NUMBERS among the attributes of a sensor. Files hold them as numbers or as text; other attributes may hold any text."""
     out = dict[str, Any]()
     for one in sensor.objects("attributes"):
-        value = one.values.get("value")
+        value, name = one.values.get("value"), one.values.get("name")
+        if name not in NUMBERS:
+            continue
         try:
-            out[str(one.values.get("name"))] = float(value) if isinstance(value, str) else value
+            out[name] = float(value) if isinstance(value, str) else value
         except ValueError:
-            raise ValueError(f"{one.where}: {str(value)[:40]!r} is the value of {str(one.values.get('name'))[:40]}, needs a number") from None
+            raise ValueError(f"{one.where}: {str(value)[:40]!r} is the value of {name}, needs a number") from None
     return JsonObject(out, f"{sensor.where}: attributes")
 
 
@@ -189,7 +193,7 @@ def read_ground_truth(path: Path) -> dict[int, list[AiCityObject]]:
 
 
 def _objects(entries: list[Any], where: str) -> list[AiCityObject]:
-    """The objects of a frame. One array for all of them is several times as fast as one for each; the invalid object is looked for afterwards."""
+    """The objects of a frame. One array for all objects is several times as fast as one per object. An invalid object is searched for afterwards."""
     try:
         vectors = _numbers([[entry[key] for key in _VECTORS] for entry in entries], (len(entries), 3, 3))
         boxes = [box for entry in entries for box in entry.get(_VISIBLE, {}).values()]
@@ -208,7 +212,7 @@ def _objects(entries: list[Any], where: str) -> list[AiCityObject]:
 
 
 def _numbers(values: list[Any], shape: tuple[int, ...]) -> Array:
-    """Finite numbers below LARGEST of this shape. Raises ValueError for others."""
+    """Finite numbers of this shape, below LARGEST in size. Raises ValueError for others."""
     array: NDArray[Any] = np.array(values) if values else np.zeros(shape)
     if array.shape != shape or array.dtype.kind not in "iuf" or not (np.abs(array.astype(np.float64)) < LARGEST).all():
         raise ValueError
@@ -254,7 +258,7 @@ def write_ground_truth(path: Path, truth: Mapping[int, Iterable[AiCityObject]]) 
 def read_results(path: Path) -> AiCityRows:
     """Read a result file: eleven numbers a line, separated by blanks. Blank lines are skipped.
 
-    Raises ValueError with file and line for another number of values, a value that is no number of its kind, and as AiCityRows.
+    Raises ValueError with file and line for another number of values, an invalid value, and as AiCityRows.
     """
     lines, table = read_rows(path, COLUMNS, COLUMNS[:WHOLE], separator=None)
     scene, category, identity, frame = table[:, :WHOLE].astype(np.int64).T

@@ -14,14 +14,14 @@ from tracker.geometry import Array, Ints
 PERSON = (0.6, 0.6, 1.75)
 """m: width, length and height of the box of a person whose size is not known."""
 STEP = 0.2
-"""m: a person has a new yaw after so long a displacement. Noise of a position turns nobody who stands."""
+"""m: displacement after which the yaw of a person is updated. It exceeds the position noise of standing people."""
 
 
 def headings(tracks: Mapping[int, tuple[Ints, Array]], online: bool = False) -> dict[int, Array]:
-    """The yaw of everybody, along the velocity. tracks: frame → ids (k,) and positions (k, ≥ 2) m. Returns frame → yaw (k,) rad.
+    """The yaw of each person, in the direction of motion. tracks: frame → ids (k,) and positions (k, ≥ 2) m. Returns frame → yaw (k,) rad.
 
-    The yaw is the direction of the last displacement of at least STEP. Someone who stands keeps the last yaw.
-    Before the first displacement it is that of the first one, or, where `online`, 0, since the future is not known. Who never moves has 0.
+    The yaw is the direction of the last displacement of at least STEP. A standing person keeps the last yaw.
+    Before the first displacement, the yaw is that of this displacement, or 0 where `online`. A person who never moves has 0.
     """
     anchor: dict[int, Array] = {}
     last: dict[int, float] = {}

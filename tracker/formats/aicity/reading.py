@@ -1,6 +1,6 @@
 """A scene of the AI City Challenge, track 1 (files.py), as a Recording of its people.
 
-calibration.json has the cameras. ground_truth.json is optional; of its objects people alone are taken. videos/CAMERA.mp4 is optional, with an
+calibration.json has the cameras. ground_truth.json is optional; only its people are read. videos/CAMERA.mp4 is optional, with an
 image for each frame. detections/CAMERA.txt is optional and not of the challenge: MOT15, frames from 1, px from the centre of the first pixel.
 
 The challenge names the videos Camera_0000, Camera_0001, … where the ids of the cameras are Camera, Camera_01, …. Both names are found.
@@ -68,7 +68,7 @@ def read_aicity(path: Path) -> Recording:
 
 
 def _detections(folder: Path, cameras: list[str]) -> dict[str, Path]:
-    """Camera → its file of detections. Raises ValueError for a file of no camera."""
+    """Camera → its file of detections. Raises ValueError for a file that belongs to no camera."""
     files = {file.stem: file for file in sorted(folder.glob("*.txt"))}
     named = {name: found for name in cameras if (found := _of_camera(name, files)) is not None}
     unknown = [file for file in files.values() if file not in named.values()]

@@ -52,7 +52,7 @@ class Label2d:
 
 @dataclass(frozen=True, eq=False)
 class Label3d:
-    """A person's 3-D box in the camera's frame: person id; centre (3,) m; size (3,) m along the heading, across it and up; heading rad about z."""
+    """A person's 3-D box in the camera's frame. person: id. centre (3,) m. size (3,) m: along the heading, across it and up. heading: rad about z."""
 
     person: int
     centre: Array
@@ -62,7 +62,7 @@ class Label3d:
 
 @dataclass(frozen=True)
 class PanoramaNote:
-    """What JRDB's layout does not hold, a field of pilsim in labels_2d_stitched.
+    """Data that JRDB's layout does not hold: the field `pilsim` in labels_2d_stitched.
 
     rate: frames per second. width, height: of the images, px. above_ground: height, m, of the camera above the ground.
     horizon, focal: of cylinders, px; None for equirectangular images.
@@ -110,7 +110,7 @@ def _json_2d(label: Label2d, width: int) -> dict[str, Any]:
 
 
 def read_labels_2d(path: Path) -> dict[int, list[Label2d]]:
-    """Read frame → labels of a file by write_labels_2d or of JRDB itself, where `visible` is the most that the occlusion's name allows.
+    """Read frame → labels of a file by write_labels_2d or of JRDB itself, where the occlusion's name gives `visible`: 1, 0.5, 0.25 and 0.
 
     Raises ValueError with path, frame and field for missing or wrong fields.
     """
@@ -122,7 +122,7 @@ def _label_2d(label: JsonObject) -> Label2d:
     seen = label.array("box_seen", (4,)) if "box_seen" in label.values else box
     if "visibility" in label.values:
         return Label2d(_person(label), box, seen, label.number("visibility", 0.0, 1.0))
-    named = {name: limit for limit, name in OCCLUSION} | {OCCLUSION[0][1]: 1.0, HIDDEN: 0.0}
+    named = dict(zip((*(name for _, name in OCCLUSION), HIDDEN), (1.0, 0.5, 0.25, 0.0), strict=True))
     return Label2d(_person(label), box, seen, named[label.part("attributes").text("occlusion", "|".join(named), f"one of {', '.join(named)}")])
 
 
@@ -178,7 +178,7 @@ def read_detections_2d(path: Path) -> dict[int, tuple[Array, Array]]:
 
 
 def read_times(path: Path) -> dict[int, float]:
-    """Number of an image → s at which the panorama was taken, of frames_img.json. Raises ValueError as read_labels_2d."""
+    """Read frames_img.json: number of an image → time of the panorama, s. Raises ValueError as read_labels_2d."""
     out = {}
     for row in JsonObject(read_json(path), str(path)).objects("data"):
         for camera in row.objects("cameras"):

@@ -4,14 +4,14 @@
     labels/labels_2d_stitched/SEQ.json                  optional: boxes of the same people in the panorama.
     detections/detections_2d_stitched/SEQ.json          optional: a detector's boxes; or detections/SEQ.txt, MOT15, frames from 1.
     images/image_stitched/SEQ/000000.jpg                optional: panoramas.
-    timestamps/SEQ/frames_img.json                      optional: when they were taken.
+    timestamps/SEQ/frames_img.json                      optional: times of the panoramas.
 
-`labels/` and `detections_2d_stitched/` may be left out of the paths. The panorama of JRDB is a cylinder of 3760 x 480 px: feet on the floor at a
-range of r metres are in row 210.7 + 481 / r. Its focal length and its height above the floor enter as their product alone. Sizes of boxes tell
-them apart: a body of height h has rows 481 h / r. So the focal length is 481 px, and the camera is 1 m above the floor.
+The parent folders `labels/` and `detections/` may be left out. The panorama of JRDB is a cylinder of 3760 x 480 px. Feet on the floor at a range
+of r metres are in row 210.7 + 481 / r. The row depends only on the product of focal length and height above the floor. Box sizes separate the
+two: a body of height h has 481 h / r rows. So the focal length is 481 px, and the camera is 1 m above the floor.
 
-People are tracked in the camera's frame, lowered to the floor: x ahead, y left, z up. The layout has no odometry. Where the robot moves, people
-who stand seem to move against it, and no path in a fixed frame can be had. Most people of JRDB sit: their boxes are 0.9 to 2.3 m high.
+People are tracked in the camera's frame, lowered to the floor: x ahead, y left, z up. The layout has no odometry. Where the robot moves, standing
+people seem to move, and paths in a fixed frame are unknown. Most people of JRDB sit: their boxes are 0.9 to 2.3 m high.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ IMAGES = "images/image_stitched"
 
 @dataclass(frozen=True)
 class JrdbSequence:
-    """The files of a sequence that are there, by the folders of JRDB that hold them. images: the folder of panoramas, None where it is not there."""
+    """The existing files of a sequence, by the names of their folders in JRDB. images: the folder of panoramas, or None."""
 
     name: str
     files: dict[str, Path]
@@ -76,9 +76,9 @@ def is_jrdb(path: Path) -> bool:
 
 
 def jrdb_sequence(path: Path) -> JrdbSequence:
-    """The sequence that a path means: a folder of one sequence, or the file of labels or the folder of images of one of several.
+    """The sequence that a path names: a folder of one sequence, or the label file or image folder of one sequence among several.
 
-    Raises ValueError where there is none, and with all names where there are several.
+    Raises ValueError where there is none, and with the first names where there are several.
     """
     root, wanted = _root(path)
     kinds = (LABELS_3D, LABELS_2D, DETECTIONS)
@@ -97,7 +97,7 @@ def jrdb_sequence(path: Path) -> JrdbSequence:
 
 
 def _root(path: Path) -> tuple[Path, str | None]:
-    """The root of a data set and the sequence that `path` means in it, None for the root itself."""
+    """The root of a data set and the sequence that `path` names in it, None for the root itself."""
     if path.suffix == ".json" and path.is_file():
         above = path.parent.parent
         return (above.parent if above.name == "labels" else above), path.stem
@@ -107,14 +107,14 @@ def _root(path: Path) -> tuple[Path, str | None]:
 
 
 def _folders(root: Path, *kinds: str) -> list[Path]:
-    """The folders of these kinds that are there, with or without the folder above them."""
+    """The existing folders of these kinds, with or without their parent folder."""
     return [folder for kind in kinds for folder in (root / kind, root / Path(kind).name) if folder.is_dir()]
 
 
 def read_jrdb(path: Path, labels_as_detections: bool = False) -> Recording:
-    """Read a sequence; see jrdb_sequence for `path`. labels_as_detections: the labelled boxes, those of hidden people left out, are the detections.
+    """Read a sequence; see jrdb_sequence for `path`. labels_as_detections: whether labelled boxes with `visible` above 0 are the detections.
 
-    The frames are the labelled ones: every n-th, from the first, at 15 / n frames/s. Without labels they are those of the detections.
+    The frames are the labelled images: every n-th, from the first, at 15 / n frames/s. Without labels they are the images with detections.
     Raises ValueError with file and field for missing or invalid content.
     """
     sequence = jrdb_sequence(path)
@@ -151,7 +151,7 @@ def read_jrdb(path: Path, labels_as_detections: bool = False) -> Recording:
 
 
 def _clock(file: Path, numbers: list[int]) -> CameraClock:
-    """The stamps of the images with these numbers, from the first one on. Raises ValueError, with the file, for one that has none."""
+    """The stamps of the images with these numbers, relative to the first. Raises ValueError, with the file, for an image without a stamp."""
     times = read_times(file)
     if missing := [number for number in numbers if number not in times]:
         raise ValueError(f"{file}: has no time of image {missing[0]:06d}, which labels or detections have")
@@ -162,7 +162,7 @@ def _clock(file: Path, numbers: list[int]) -> CameraClock:
 
 
 def _index(numbers: Iterable[int], path: Path) -> tuple[dict[int, int], int]:
-    """Numbers of images → frames from 0, and the step between them: the greatest with which all of them are frames."""
+    """Numbers of images → frames from 0, and the step between frames: the greatest common divisor of the differences."""
     known = sorted(numbers)
     step = math.gcd(*(number - known[0] for number in known)) or 1 if known else 1
     if known and (known[-1] - known[0]) // step >= MAX_FRAMES:
@@ -171,14 +171,14 @@ def _index(numbers: Iterable[int], path: Path) -> tuple[dict[int, int], int]:
 
 
 def _check_frames(boxes: FrameBoxes, index: Mapping[int, int], file: Path) -> None:
-    """Raises ValueError for boxes after the last labelled frame: they are then numbered as the images, of which every n-th is labelled."""
+    """Raises ValueError for boxes after the last labelled frame. Such boxes are numbered by images, of which only every n-th is labelled."""
     last, labelled = max(boxes, default=-1), max(index.values(), default=-1)
     if index and last > labelled:
         raise ValueError(f"{file}: frame is {last + 1}, needs at most {labelled + 1}, the number of labelled frames; they count from 1 without gaps")
 
 
 def _people(labels: Iterable[Label3d], note: PanoramaNote | None) -> tuple[Ints, Array]:
-    """Ids and places (k, 3) m; of an id that occurs twice, the last. People of JRDB are on the floor, those of pilsim where the boxes end."""
+    """Ids and feet (k, 3) m; the last label of a repeated id counts. Feet are on the floor in JRDB, at the box's lower face in pilsim's export."""
     found = {one.person: one for one in labels}.values()
     ids = np.array([one.person for one in found], dtype=np.int64)
     places = np.array([one.centre - [0.0, 0.0, one.size[2] / 2] for one in found]).reshape(-1, 3)

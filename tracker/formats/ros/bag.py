@@ -33,16 +33,16 @@ DEFINITIONS = {
     "grid_map_msgs/msg/GridMap": "std_msgs/Header header\ngrid_map_msgs/GridMapInfo info\nstring[] layers\nstring[] basic_layers\n"
     "std_msgs/Float32MultiArray[] data\nuint16 outer_start_index\nuint16 inner_start_index",
 }
-"""Type → its fields, one a line, as in a .msg file."""
+"""Type → its fields, one per line, as in a .msg file."""
 QUATERNION = "geometry_msgs/msg/Quaternion"
 NUMBERS = {"bool": False, "string": ""}
-"""Basic type → the value of a field that a message leaves out; 0 of all others."""
+"""Basic type → the value of a field that a message leaves out; 0 for all other types."""
 DEPTH = 10
 
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic: name, type of its messages (package/Name), and whether subscribers that come late get its last message (latched)."""
+    """A topic: name, type of its messages (package/Name), and whether late subscribers get its last message (latched)."""
 
     name: str
     kind: str
@@ -61,7 +61,7 @@ class Topic:
 
 @final
 class BagWriter(AbstractContextManager["BagWriter"]):
-    """Writes FOLDER/NAME.mcap, where NAME is that of the folder, which is not there yet, and at the end FOLDER/metadata.yaml.
+    """Writes FOLDER/NAME.mcap, and at the end FOLDER/metadata.yaml. NAME is the name of the folder, which must not exist yet.
 
     Messages are mappings of the fields; missing fields are 0, empty, or no rotation. Raises ValueError where rosbags is not installed.
     """
@@ -111,7 +111,7 @@ def filled(types: Typestore, kind: str, message: Mapping[str, Any]) -> Any:
 
 
 def _value(types: Typestore, form: Any, value: Any) -> Any:
-    """The value of a field; form: its node and what belongs to it, as rosbags describes types. None: the field is left out."""
+    """The value of a field. form: node type and its details, as rosbags describes types. value: None for a field that is left out."""
     from rosbags.interfaces import Nodetype
 
     node, detail = form

@@ -1,4 +1,4 @@
-"""The cameras of a bag: their models by CameraInfo, where they are by transforms, or both by a calibration file."""
+"""The cameras of a bag: models from CameraInfo and poses from transforms, or both from a calibration file."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ IMAGE_KINDS = ("sensor_msgs/Image", "sensor_msgs/CompressedImage")
 INFO = "sensor_msgs/CameraInfo"
 CAMERA_KINDS = (*IMAGE_KINDS, INFO)
 WORLDS = ("world", "map")
-"""Frames that are the world where transforms name them."""
+"""Names of frames that are taken as the world."""
 PARTS = r"(/(image|compressed|image_raw|image_color|image_rect|image_rect_color|image_mono|camera_info))+$"
 """The end of a camera's topic that is not its name."""
 
@@ -36,7 +37,7 @@ def camera_name(topic: str) -> str:
 
 
 def robot_name(topic: str) -> str:
-    """The name of a robot by its odometry: robot_0 for /robot_0/odom."""
+    """The name of a robot from its odometry topic: robot_0 for /robot_0/odom."""
     return re.sub(r"[^\w.-]", "_", topic.strip("/").rpartition("/")[0]) or "robot"
 
 
@@ -53,7 +54,7 @@ class BagCamera:
 
     @staticmethod
     def read(bag: BagReader, topic: str, model: str) -> BagCamera:
-        """The camera of a topic by its first messages. Raises ValueError for an image whose encoding is not known."""
+        """The camera of a topic from its first messages. Raises ValueError for an image with an unknown encoding."""
         info_topic = topic if bag.kinds[topic] not in IMAGE_KINDS else _info_topic(bag, topic)
         info: Any = next((message for _, _, message in bag.messages([info_topic])), None) if info_topic else None
         if info_topic == topic:
@@ -64,7 +65,7 @@ class BagCamera:
 
 
 def _info_topic(bag: BagReader, topic: str) -> str | None:
-    """The topic of CameraInfo beside that of images, as image_transport has it."""
+    """The topic of CameraInfo for a topic of images, by the convention of image_transport."""
     above = topic.removesuffix("/compressed").rpartition("/")[0]
     return f"{above}/camera_info" if f"{above}/camera_info" in bag.of_kind(INFO) else None
 
@@ -130,7 +131,7 @@ class CameraFinder:
         raise ValueError("has no CameraInfo beside it, needs TOPIC=panorama or --calibration FILE")
 
     def _place(self, camera: BagCamera, model: Camera) -> RecordingCamera:
-        """On the robot whose body is nearest above the camera or beside it; else in the world; else a robot of its own without odometry."""
+        """The camera on the robot whose body is nearest in the tree; else fixed in the world; else on a new robot without odometry."""
         above = list(self.tree.chain(camera.frame))
         mounts = {name: self.tree.between(path.child, camera.frame, self.world) for name, path in self.robots.items()}
         far = {name: above.index(self.robots[name].child) if self.robots[name].child in above else len(above) for name in mounts if mounts[name]}
@@ -148,6 +149,10 @@ class CameraFinder:
                 f" they reach {', '.join(above[1:]) or 'nothing'} from it, and name {', '.join(sorted(self.tree.parent)) or 'no frame'}"
             )
         body = above[-1]
-        robot = self.without_odometry.setdefault(body, robot_name(camera.topic) if len(self.without_odometry) else "robot")
+        if body not in self.without_odometry:
+            taken = self.without_odometry.values()
+            names = chain([robot_name(camera.topic) if taken else "robot", camera.name], (f"{camera.name}_{k}" for k in count(2)))
+            self.without_odometry[body] = next(name for name in names if name not in taken)
+        robot = self.without_odometry[body]
         mount = self.tree.chain(camera.frame)[body]
         return RecordingCamera(model, (mount @ OPTICAL.inverse()) if len(above) > 1 else Pose.identity(), robot)

@@ -1,6 +1,6 @@
-"""Import of a bag as a recording: cameras, boxes, odometry and, of our own export, truth and terrain. Read `read_bag` first.
+"""Import of a bag as a recording: cameras, boxes, odometry and, from pilsim's export, truth and terrain. Read `read_bag` first.
 
-A first pass reads all but the images. It finds what is missing before anything is written. A second pass copies the images one by one.
+A first pass reads all but the images. It reports missing data before anything is written. A second pass copies the images one by one.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from tracker.io.image_files import image_size
 from tracker.io.progress import progress_bar
 from tracker.recordings import FrameBoxes, Recording, RecordingCamera, RecordingRobot
 from tracker.recordings.folder import START_SIGMA, read_recording, write_recording
+from tracker.recordings.recording import MAX_FRAMES
 from tracker.types import Odometry, Start
 
 T = TypeVar("T")
@@ -39,9 +40,9 @@ BOXES, IMU, ODOMETRY = "vision_msgs/Detection2DArray", "sensor_msgs/Imu", "nav_m
 
 @dataclass(frozen=True)
 class BagTopics:
-    """What of a bag is imported.
+    """The topics of a bag to import, and how.
 
-    cameras: topic of Image, CompressedImage or CameraInfo → model, one of bag_values.MODELS, or "" as CameraInfo says.
+    cameras: topic of Image, CompressedImage or CameraInfo → model, one of bag_values.MODELS, or "" for that of CameraInfo.
     odometry, imu, detections: topics. calibration: a file with entries of recording.json for cameras, by name or topic.
     ground: height of flat ground, m. exported: whether truth and terrain of our own export are read, too.
     """
@@ -70,10 +71,10 @@ class BagTopics:
 
 
 def read_bag(path: Path, topics: BagTopics, out: Path, tell: Tell = lambda line: None) -> Recording:
-    """Write what `topics` names of a bag as a recording into `out` atomically, and read it.
+    """Write the chosen topics of a bag as a recording into `out` atomically, and read it.
 
-    tell: takes a line for each thing that was assumed or left out.
-    Raises ValueError, in one line with topic and stamp, for what is missing or cannot be read, and as export_folder.
+    tell: takes one line of text for each assumption and omission.
+    Raises ValueError, in one line with topic and stamp, for missing or unreadable data, and as export_folder.
     """
     with BagReader(path) as bag, export_folder(path, out) as unfinished:
         notes: list[str] = []
@@ -108,7 +109,7 @@ class BoxTopic:
 
 @dataclass(eq=False)
 class Survey:
-    """What a bag says beside its images: transforms, paths and ups of robots, boxes by topic, and of our own export the truth.
+    """The content of a bag without its images: transforms, odometry and directions of up of robots, boxes by topic, and exported truth.
 
     placed: the cameras of the recording, on `robots` or in the world.
     """
@@ -127,7 +128,7 @@ class Survey:
 
     @cached_property
     def finder(self) -> CameraFinder:
-        """Where the cameras are, once all transforms are read."""
+        """Finds models and poses of cameras, after all transforms are read."""
         return CameraFinder(self.tree, self.paths, CameraFinder.entries(self.topics.calibration))
 
     def read(self) -> None:
@@ -156,7 +157,7 @@ class Survey:
         self._check_ups()
 
     def _growing(self, topic: str, add: Callable[[Any], None]) -> Taker:
-        """What takes the messages of a topic whose stamps grow."""
+        """A function that passes the messages of a topic with growing stamps to `add`."""
 
         def take(log: int, message: Any) -> None:
             if self.growing.take(topic, stamp_of(message), log):
@@ -165,13 +166,13 @@ class Survey:
         return take
 
     def _check_ups(self) -> None:
-        """Tell of IMUs that no transform places on a robot with odometry."""
+        """Report IMUs without a transform to a robot with odometry."""
         for topic, up in self.ups.items():
             if all(self.tree.between(path.child, up.frame, self.finder.world) is None for path in self.paths.values()):
                 self.tell(f"{topic}: left out, as no transform leads from its frame {up.frame!r} to a robot with odometry")
 
     def _check_topics(self) -> None:
-        """Raises ValueError for topics that are not named, not there, empty or of another type, with those that are there."""
+        """Raises ValueError for topics that are not named, missing, empty or of another type. It lists the available topics."""
         path, kinds = self.bag.path, self.bag.kinds
         images = self.bag.of_kind(*IMAGE_KINDS) or self.bag.of_kind(*CAMERA_KINDS)
         if not self.topics.cameras:
@@ -242,7 +243,7 @@ class Survey:
         return RecordingRobot(self._start(name, path, int(stamps[0])), odometry, truth)
 
     def _start(self, name: str, path: OdometryPath, stamp: int) -> Start | None:
-        """The pose at a time [ns] in the world. Where no transform leads there, the first odometry's frame is the world of robots alone."""
+        """The pose at a time [ns] in the world. Without a transform there and without fixed cameras, the first odometry's frame is the world."""
         T_world_odom = self.tree.between(self.finder.world, path.frame)
         if T_world_odom is None and path is next(iter(self.paths.values())) and all(c.robot is not None for c in self.placed.values()):
             T_world_odom = Pose.identity()
@@ -253,7 +254,7 @@ class Survey:
         return Start(T_world_odom @ (path.pose(stamp) or path.first), covariance)
 
     def _with_up(self, path: OdometryPath, step: Odometry, stamps: Ints) -> Odometry:
-        """The motion between two times (2,) [ns] with the direction of up by the IMU on the robot, where there is one."""
+        """The motion between two times (2,) [ns] with the direction of up from the IMU on the robot, if it has one."""
         for up in self.ups.values():
             mount = self.tree.between(path.child, up.frame, self.finder.world)
             if mount is not None and (found := up.up(*stamps.tolist())) is not None:
@@ -264,7 +265,7 @@ class Survey:
     def _of_cameras(
         stamped: Mapping[str, Mapping[int, T]], times: FrameTimes, boxes: Mapping[str, FrameBoxes] | None = None
     ) -> dict[str, dict[int, T]]:
-        """Camera → stamp → value as camera → frame → value, where there are boxes."""
+        """Camera → stamp → value as camera → frame → value, only for frames in `boxes` where it is given."""
         out = {
             name: {times.of_camera(name, stamp): value for stamp, value in of_camera.items()}
             for name, of_camera in stamped.items()
@@ -273,7 +274,7 @@ class Survey:
         return {name: {f: v for f, v in of.items() if f is not None and (boxes is None or f in boxes.get(name, {}))} for name, of in out.items()}
 
     def _detections(self, times: FrameTimes) -> dict[str, FrameBoxes]:
-        """Camera → its boxes by frame. Raises ValueError for boxes in the frame of no camera."""
+        """Camera → its boxes by frame. Raises ValueError for boxes whose frame id belongs to no camera."""
         out: dict[str, FrameBoxes] = {}
         for topic, boxes in self.boxes.items():
             name = next((c.name for c in self.cameras.values() if c.frame == boxes.frame), None)
@@ -289,9 +290,9 @@ class Survey:
 
 
 def copy_images(survey: Survey, folder: Path) -> FrameTimes:
-    """Copy the images of all cameras to images/CAMERA below a folder, one by one; the times of their frames.
+    """Copy the images of all cameras to images/CAMERA below a folder, one by one. Returns the times of their frames.
 
-    Cameras without images have the times of their CameraInfo. Raises ValueError for an image that is not known or has another size.
+    Cameras without images have the times of their CameraInfo. Raises ValueError for an image with an unknown encoding or another size.
     """
     cameras, stamps = {c.topic: c for c in survey.cameras.values()}, {name: list[int]() for name in survey.cameras}
     files: dict[str, list[Path]] = {name: [] for name in survey.cameras}
@@ -311,8 +312,14 @@ def copy_images(survey: Survey, folder: Path) -> FrameTimes:
             files[camera.name].append(file)
     survey.growing.tell(survey.bag.path, survey.tell)
     times = FrameTimes.of(stamps)
+    if times.count > MAX_FRAMES:
+        spans = ", ".join(f"{name} from {seconds(of[0])} to {seconds(of[-1])} s" for name, of in stamps.items())
+        raise ValueError(
+            f"{survey.bag.path}: stamps of images are those of {times.count} frames at {times.rate:g}/s ({spans}), needs at most {MAX_FRAMES},"
+            " of one clock that does not jump"
+        )
     for name, written in files.items():
-        # Numbers of frames are not below those of the files: from the last to the first, no file is overwritten.
+        # Frame numbers are at least the file numbers, so renaming from the last to the first overwrites no file.
         for file, frame in zip(written[::-1], sorted(times.stamps[name], reverse=True), strict=True):
             file.rename(file.with_stem(f"{frame + 1:06d}"))
     return times

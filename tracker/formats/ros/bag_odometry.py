@@ -1,4 +1,4 @@
-"""The path of a robot by its odometry topic, and the direction of up by its IMU, at any times."""
+"""The path of a robot from its odometry topic, and the direction of up from its IMU, at arbitrary times."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from typing import Any
 import numpy as np
 
 from tracker.formats.ros.bag_values import stamp_of
-from tracker.formats.ros.frame_tree import pose_from_message
+from tracker.formats.ros.frame_tree import bare, pose_from_message
 from tracker.formats.ros.messages import GRAVITY
 from tracker.geometry import Array, Ints, Mask, Pose
 from tracker.types import Odometry
 
 LARGEST = 1e3
-"""(m/s)² and (rad/s)²: a larger variance of a velocity is a placeholder, as many robots send for the axes that they do not measure."""
+"""(m/s)² and (rad/s)²: a larger variance of a velocity is a placeholder. Many robots send one for axes that they do not measure."""
 DRIFT = np.repeat([0.05, 0.035], 3)
 """m and rad after one metre (and 0.035 rad after one rad): random walk of an odometry that does not state its error."""
 STANDING = 1e-3
-"""m and rad after one second: the same of a robot that stands."""
+"""m and rad after one second: the same for a standing robot."""
 UP_SIGMA = 0.02
-"""rad: least error of up by an IMU on a robot that moves, as that of Odometry."""
+"""rad: least error of the direction of up from an IMU on a moving robot, the default of Odometry."""
 
 
 @dataclass(eq=False)
@@ -40,9 +40,9 @@ class OdometryPath:
     values: array[float] = field(default_factory=lambda: array("d"))
 
     def add(self, message: Any) -> None:
-        """Add an Odometry. Raises ValueError for numbers that are no pose."""
+        """Add an Odometry. Raises ValueError for an invalid pose."""
         if not self.stamps:
-            self.frame, self.child = message.header.frame_id.lstrip("/"), message.child_frame_id.lstrip("/") or "base_link"
+            self.frame, self.child = bare(message.header.frame_id), bare(message.child_frame_id) or "base_link"
         pose = pose_from_message(message.pose.pose.position, message.pose.pose.orientation)
         self.stamps.append(stamp_of(message))
         self.values.extend(pose.log().tolist())
@@ -91,14 +91,16 @@ class OdometryPath:
     def _summed(self) -> Array:
         """(n, 6, 6): covariance of the motion since the first message. Errors of the messages are independent of each other."""
         seconds = np.diff(self._times) / 1e9
-        steps = self._rows[1:, 6:].reshape(-1, 6, 6) * seconds[:, None, None] ** 2
+        rows = self._rows[1:, 6:].reshape(-1, 6, 6)
+        # Some robots send NaN or infinity for what they do not know.
+        stated = np.outer(self._stated, self._stated) & np.isfinite(rows)
+        steps = np.where(stated, rows, 0.0) * seconds[:, None, None] ** 2
         if self.unstated:
             poses = [Pose.exp(row) for row in self._rows[:, :6]]
             moved = np.array([(a.inverse() @ b).log() for a, b in pairwise(poses)]).reshape(-1, 6)
             way = np.linalg.norm(moved[:, :3], axis=1) + np.linalg.norm(moved[:, 3:], axis=1)
             default = way[:, None] * DRIFT**2 + seconds[:, None] * STANDING**2
-            kept = np.outer(self._stated, self._stated)
-            steps = steps * kept + np.where(self._stated, 0.0, default)[:, :, None] * np.eye(6)
+            steps = steps + np.where(self._stated, 0.0, default)[:, :, None] * np.eye(6)
         return np.concatenate([np.zeros((1, 6, 6)), np.cumsum(steps, axis=0, out=steps)])
 
     def covariance(self, first: int, last: int) -> Array:
@@ -124,7 +126,7 @@ class UpPath:
 
     def add(self, message: Any) -> None:
         """Add an Imu."""
-        self.frame = self.frame or message.header.frame_id.lstrip("/")
+        self.frame = self.frame or bare(message.header.frame_id)
         force = message.linear_acceleration
         self.stamps.append(stamp_of(message))
         self.values.extend([force.x, force.y, force.z, max(float(message.linear_acceleration_covariance[0]), 0.0)])
@@ -132,7 +134,7 @@ class UpPath:
     def up(self, first: int, last: int) -> tuple[Array, float] | None:
         """Direction of up (3,) along the sensor's axes and its error [rad], of the samples after `first` up to `last` [ns]; None without any.
 
-        Accelerations of the robot are errors: they show in the spread of the samples.
+        Accelerations of the robot act as errors; the spread of the samples contains them.
         """
         low, high = np.searchsorted(np.frombuffer(self.stamps, dtype=np.int64), [first, last], side="right")
         rows = np.frombuffer(self.values, dtype=np.float64).reshape(-1, 4)[low:high]

@@ -35,7 +35,7 @@ def is_bag(path: Path) -> bool:
 class BagReader(AbstractContextManager["BagReader"]):
     """An open bag. kinds: topic → type of its messages; counts: topic → number of its messages.
 
-    Raises ValueError where rosbags is not installed, and with the path for a file that is no bag, is damaged or is cut.
+    Raises ValueError where rosbags is not installed, and with the path for a file that is no bag, is damaged or is truncated.
     """
 
     def __init__(self, path: Path) -> None:
@@ -59,13 +59,13 @@ class BagReader(AbstractContextManager["BagReader"]):
         self.counts = {topic: sum(c.msgcount for c in self._connections[topic]) for topic in self.kinds}
 
     def of_kind(self, *kinds: str) -> list[str]:
-        """The topics of some types, in the order of the bag."""
+        """The topics of the given types, in the order of the bag."""
         return [topic for topic, kind in self.kinds.items() if kind in kinds]
 
     def raw(self, topics: Collection[str]) -> Iterator[tuple[Connection, int, bytes]]:
-        """Messages of some topics in the order of the log: connection, time of the log [ns], and bytes.
+        """Messages of the given topics in the order of the log: connection, time of the log [ns], and bytes.
 
-        Raises ValueError with the last topic and time where the bag is damaged or cut.
+        Raises ValueError with the last topic and time where the bag is damaged or truncated.
         """
         if not (chosen := [connection for topic in topics for connection in self._connections[topic]]):
             return
@@ -82,7 +82,7 @@ class BagReader(AbstractContextManager["BagReader"]):
             last = f"{connection.topic} at {seconds(time)} s"
 
     def messages(self, topics: Collection[str]) -> Iterator[tuple[str, int, Any]]:
-        """Topic, time of the log [ns] and message, as `raw`. Raises ValueError for bytes that are no message of the topic's type, too."""
+        """Topic, time of the log [ns] and message, as `raw`. Also raises ValueError for bytes that are no message of the topic's type."""
         for connection, time, raw in self.raw(topics):
             try:
                 message = self._reader.deserialize(raw, connection.msgtype)
@@ -104,7 +104,7 @@ def _line(error: Exception) -> str:
 
 
 def summarize_bag(path: Path) -> dict[str, Any]:
-    """Topics of a bag as JSON values: type, number, rate [1/s] and gaps by the times of the log. Raises ValueError as BagReader."""
+    """Topics of a bag as JSON values: type, number of messages, rate [1/s] and gaps from log times. Raises ValueError as BagReader."""
     times: dict[str, list[int]] = defaultdict(list)
     with BagReader(path) as bag:
         for connection, time, _ in bag.raw(bag.kinds):

@@ -1,4 +1,4 @@
-"""Stamps of a bag: those that are used, and the frames of a recording that they make."""
+"""Stamps of a bag: the choice of usable messages, and the frames of a recording that follow from their stamps."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from tracker.formats.ros.bag_reader import seconds
 from tracker.geometry import Ints
 
 Tell = Callable[[str], None]
-"""Takes a line for each thing that was assumed or left out."""
+"""Takes one line of text for each assumption and omission."""
 
 
 @dataclass(eq=False)
 class Growing:
-    """Stamps of topics that must grow. lost: topic → number of messages left out, and the first of them as text."""
+    """Checks that stamps grow in each topic. lost: topic → number of messages left out, and a text about the first of them."""
 
     last: dict[str, int] = field(default_factory=dict)
     taken: dict[str, int] = field(default_factory=dict)
     lost: dict[str, tuple[int, str]] = field(default_factory=dict)
 
     def take(self, topic: str, stamp: int, log: int) -> bool:
-        """Whether a message is used: not where its stamp is 0 though its log is not, or does not grow."""
+        """Whether a message is used. It is not if its stamp does not grow, or is 0 while its log time is not."""
         unset, last = stamp == 0 and log > 0, self.last.get(topic, -1)
         if not unset and stamp > last:
             self.last[topic], self.taken[topic] = stamp, self.taken.get(topic, 0) + 1
@@ -35,7 +35,7 @@ class Growing:
         return False
 
     def tell(self, path: Path, tell: Tell) -> None:
-        """Tell what was left out. Raises ValueError for a topic of which nothing is left."""
+        """Report the messages left out. Raises ValueError for a topic without a usable message."""
         for topic, (count, first) in self.lost.items():
             if not self.taken.get(topic):
                 raise ValueError(f"{path}: {topic}: {first}; so are all its {count} messages, needs stamps in their headers")
@@ -53,14 +53,14 @@ class FrameTimes:
 
     @staticmethod
     def of(stamps: Mapping[str, list[int]]) -> FrameTimes:
-        """The frames of cameras by the growing stamps of their images, at the rate of the fastest camera."""
+        """Number frames at the rate of the fastest camera. stamps: camera → growing stamps [ns] of its images."""
         zero = min(of_camera[0] for of_camera in stamps.values())
         rate = max(map(_rate, stamps.values()))
         numbered = {}
         for name, of_camera in stamps.items():
             frame, found = -1, {}
             for stamp in of_camera:
-                # Two images that are nearer than half a period have frames of their own; times.csv has their times.
+                # Two images within half a period have separate frames; times.csv has their times.
                 frame = max(frame + 1, round((stamp - zero) * rate / 1e9))
                 found[frame] = stamp
             numbered[name] = found
@@ -72,7 +72,7 @@ class FrameTimes:
         return max(max(frames) for frames in self.stamps.values()) + 1
 
     def nearest(self, stamp: int) -> int | None:
-        """The frame at a time [ns] of no camera, None outside the recording."""
+        """The frame nearest to a time [ns], None outside the recording."""
         frame = round((stamp - self.zero) * self.rate / 1e9)
         return frame if 0 <= frame < self.count else None
 
@@ -83,7 +83,7 @@ class FrameTimes:
         return min(close, key=lambda f: abs(stamps[f] - stamp), default=None)
 
     def of_robot(self, cameras: Iterable[str]) -> Ints:
-        """(count,) the time [ns] of each frame for a robot: that of the image of its first camera that has one."""
+        """Time [ns] of each frame (count,) for a robot: the stamp of the first of `cameras` with an image, else the nominal time."""
         out = self.zero + np.round(np.arange(self.count) * 1e9 / self.rate).astype(np.int64)
         for name in reversed(list(cameras)):
             out[list(self.stamps[name])] = list(self.stamps[name].values())
@@ -91,7 +91,7 @@ class FrameTimes:
 
 
 def _rate(stamps: list[int]) -> float:
-    """Images a second, without gaps."""
+    """Images per second; gaps are left out."""
     intervals = np.diff(stamps)
     usual = intervals[intervals < 1.5 * np.median(intervals)] if len(intervals) else np.array([1e9])
     return round(1e9 / float(usual.mean()), 6)

@@ -1,4 +1,4 @@
-"""What a bag of our own export says beyond that of a robot: true people and poses, and the terrain."""
+"""Data that only bags of pilsim's export hold: true people and poses, and the terrain."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class BagTruth:
     grids: dict[str, Grid] = field(default_factory=dict)
 
     def takers(self, topics: Iterable[str]) -> list[tuple[str, Taker]]:
-        """What takes the messages of the topics of a bag."""
+        """Pairs of a known topic of a bag and the function that takes its messages."""
         whole = {PEOPLE: self._add_people, TERRAIN: self._add_terrain}
         named = {BOXES: self._add_boxes, SEEN: self._add_covariances, ROBOTS: self._add_robots, POSE: self._add_pose, START: self._add_start}
         out: list[tuple[str, Taker]] = []

@@ -39,18 +39,18 @@ TO_BGR: dict[str, tuple[int, int | None]] = {
 }
 """Encoding of Image → bytes of a pixel, and OpenCV's conversion."""
 PLUMB_BOB = 5
-"""Numbers of a plumb_bob distortion; a rational model is one where the rest is 0."""
+"""Number of coefficients of plumb_bob. A rational model whose other coefficients are 0 equals plumb_bob."""
 CYLINDER, ADD = 3, 0
 """Marker.CYLINDER and Marker.ADD."""
 
 
 def stamp_of(message: Any) -> int:
-    """Time of the header [ns]; ROS 1 and ROS 2 name its parts alike in rosbags."""
+    """Time of the header [ns]. rosbags uses the same field names for ROS 1 and ROS 2."""
     return int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
 
 
 def picture(message: Any) -> tuple[bytes, str]:
-    """Image or CompressedImage → the bytes of a file and its suffix. An Image becomes a PNG. Raises ValueError for an encoding that is not known."""
+    """Image or CompressedImage → the bytes of a file and its suffix. An Image becomes a PNG. Raises ValueError for an unknown encoding."""
     form = getattr(message, "format", None)
     if form is None:
         return encoded("image.png", _pixels(message), PNG), ".png"
@@ -73,8 +73,8 @@ def _pixels(message: Any) -> Any:
 
 
 def camera_from_info(info: Any, model: str) -> Camera:
-    """The camera of a CameraInfo. model: one of MODELS in place of what it says, or "". Raises ValueError where numbers are missing."""
-    # ROS 1 has capital letters.
+    """The camera of a CameraInfo. model: one of MODELS that overrides its distortion_model, or "". Raises ValueError for missing numbers."""
+    # ROS 1 names the fields in capital letters.
     K, D = (np.asarray(getattr(info, name, getattr(info, name.lower(), ()))) for name in "KD")
     width, height = int(info.width), int(info.height)
     if not model and info.distortion_model not in DISTORTION_MODELS:
@@ -103,7 +103,7 @@ def boxes_from_message(message: Any) -> tuple[Array, Array]:
     boxes, scores = [], []
     for detection in message.detections:
         box = detection.bbox
-        centre = getattr(box.center, "position", box.center)  # vision_msgs 4 against those before
+        centre = getattr(box.center, "position", box.center)  # vision_msgs 4 has `position`, older versions do not
         boxes.append([centre.x - box.size_x / 2, centre.y - box.size_y / 2, box.size_x, box.size_y])
         scores.append(max((getattr(r, "hypothesis", r).score for r in detection.results), default=1.0))
     return np.array(boxes, dtype=np.float64).reshape(-1, 4), np.array(scores, dtype=np.float64)
@@ -126,7 +126,7 @@ def people_from_markers(message: Any) -> tuple[Ints, Array]:
 
 
 def grids_from_map(message: Any) -> dict[str, Grid]:
-    """GridMap → layer → height map. Raises ValueError for a map that is turned, and for cells without a height."""
+    """GridMap → layer → height map. Raises ValueError for a rotated map, and for cells without a height."""
     info, turn = message.info, message.info.pose.orientation
     if max(abs(turn.x), abs(turn.y), abs(turn.z)) > 1e-9 or message.outer_start_index or message.inner_start_index:
         raise ValueError("map is turned or begins in the middle, needs rows along y from its first cell on")

@@ -1,4 +1,4 @@
-"""The tree of coordinate frames that transforms (tf and tf_static) span, with what of it stands still."""
+"""The tree of coordinate frames from transforms (tf and tf_static), and its static parts."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from tracker.geometry import Pose, rotation_from_quaternion
 
 STILL = 1e-3
-"""m and rad: a transform that changes by less stands still. Joints that do not move are often published again and again."""
+"""m and rad: a transform that changes by less is static. Static joints are often published repeatedly."""
 
 
 def pose_from_message(position: Any, orientation: Any) -> Pose:
@@ -24,7 +24,7 @@ def pose_from_message(position: Any, orientation: Any) -> Pose:
 
 @dataclass(eq=False)
 class FrameTree:
-    """Frames and their parents. parent: child → parent and T_parent_child as it was first. moving: children whose transform changes."""
+    """Frames and their parents. parent: child → parent and the first T_parent_child. moving: children whose transform changes."""
 
     parent: dict[str, tuple[str, Pose]] = field(default_factory=dict)
     moving: set[str] = field(default_factory=set)
@@ -41,7 +41,7 @@ class FrameTree:
                 self.moving.add(child)
 
     def chain(self, frame: str) -> dict[str, Pose]:
-        """The frame and those above it as long as nothing between moves, from near to far: name → T_name_frame."""
+        """The frame and its ancestors up to the first moving transform, from near to far: name → T_name_frame."""
         out, pose = {frame: Pose.identity()}, Pose.identity()
         while frame in self.parent and frame not in self.moving:
             frame, step = self.parent[frame]
@@ -52,11 +52,11 @@ class FrameTree:
         return out
 
     def between(self, target: str, frame: str, world: str = "") -> Pose | None:
-        """T_target_frame where nothing between the two frames moves and the way does not pass the frame `world`, else None."""
+        """T_target_frame; None where a transform between the frames moves, or where the path passes the frame `world`."""
         down = {name: pose for name, pose in self.chain(target).items() if name != world}
         return next((down[name].inverse() @ pose for name, pose in self.chain(frame).items() if name in down), None)
 
 
 def bare(frame: str) -> str:
-    """The name of a frame without the slash that it had in the first versions of ROS 1."""
+    """The name of a frame without the leading slash of early versions of ROS 1."""
     return frame.lstrip("/")

@@ -20,7 +20,7 @@ GOLDEN = 0.618033988749895
 MOST_TRIANGLES = 20_000
 """A finer height map is thinned for its marker, by whole numbers of grid points."""
 LIGHT = np.array([-0.4, -0.3, 0.866])
-"""Direction to the light by which the triangles are shaded, for programs that shade none."""
+"""Direction to the light that shades the triangles, for viewers without shading."""
 GROUND, OBSTACLES = (0.62, 0.56, 0.46), (0.55, 0.57, 0.62)
 CLEARANCE = 0.05
 """m: cells whose top is higher above the ground belong to walls and furniture."""
@@ -67,7 +67,7 @@ def _at(foot: Array, above: float) -> Message:
 
 
 def terrain_marker(ground: Grid, name: str, stamp: int, above: Grid | None = None) -> Message | None:
-    """Marker of a height map's triangles, split as the map itself; None where there are none.
+    """Marker of a height map's triangles, with cells split as in Grid; None without triangles.
 
     above: another map on the same grid; only cells with a corner higher than CLEARANCE above that map are drawn.
     """

@@ -18,7 +18,7 @@ GRAVITY = 9.81
 """m/s²: specific force of a body at rest."""
 
 DISTORTION_MODELS = {"pinhole": "plumb_bob", "fisheye": "equidistant", "equirectangular": "equirectangular", "cylindrical": "cylindrical"}
-"""Model of CameraParameters → distortion_model of CameraInfo. The first two are those of ROS, the others ours."""
+"""Model of CameraParameters → distortion_model of CameraInfo. ROS defines the first two, pilsim the others."""
 
 
 def time_message(stamp: int) -> Message:
@@ -27,7 +27,7 @@ def time_message(stamp: int) -> Message:
 
 
 def header(stamp: int, frame: str) -> Message:
-    """Header: time [ns], and the frame in which a message's values are."""
+    """Header: time [ns], and the coordinate frame of the message's values."""
     return {"stamp": time_message(stamp), "frame_id": frame}
 
 
@@ -72,7 +72,7 @@ def camera_info(camera: Camera, stamp: int, frame: str) -> Message:
 
 
 def odometry_message(pose: Pose, covariance: Array, tangent: Array, tangent_covariance: Array, where: tuple[int, str, str]) -> Message:
-    """Odometry. pose: T_frame_child. covariance (6, 6): of place and rotation about the axes of the frame.
+    """Odometry. pose: T_frame_child. covariance (6, 6): of position along and rotation about the axes of the frame.
 
     tangent (6,): velocities of the child's frame [m/s, rad/s] along its own axes, and their covariance (6, 6). where: time [ns], frame, child.
     """
@@ -110,9 +110,9 @@ def start_message(start: Start, stamp: int, frame: str) -> Message:
 
 
 def up_message(up: Array, sigma: float, stamp: int, frame: str) -> Message:
-    """Imu at rest of a direction of up (3,) and its error [rad]. It has no orientation and no angular velocity."""
+    """Imu of a direction of up (3,) with its error [rad], as the specific force at rest. It has no orientation and no angular velocity."""
     message = imu_message(np.zeros(3), up * GRAVITY, (0.0, sigma * GRAVITY), stamp, frame)
-    # −1 in the first place: there is no such value (sensor_msgs/Imu).
+    # −1 in the first entry: the value is unknown (sensor_msgs/Imu).
     return message | {"angular_velocity_covariance": [-1.0] + [0.0] * 8}
 
 
@@ -140,7 +140,7 @@ def imu_message(rate: Array, force: Array, sigma: tuple[float, float], stamp: in
     return {
         "header": header(stamp, frame),
         "orientation": {"w": 1.0},
-        # −1 in the first place: there is no orientation (sensor_msgs/Imu).
+        # −1 in the first entry: the orientation is unknown (sensor_msgs/Imu).
         "orientation_covariance": [-1.0] + [0.0] * 8,
         "angular_velocity": vector(rate),
         "angular_velocity_covariance": spread[0],
@@ -157,7 +157,7 @@ def wheels_message(names: Iterable[str], angles: Array, stamp: int, frame: str) 
 def detections_message(boxes: Array, scores: Array, ids: Iterable[str], top: Message, directions: list[Message] | None = None) -> Message:
     """Detection2DArray of people. boxes (n, 4): left, top, width, height px from the image's corner. scores (n,). ids: n texts.
 
-    top: its header. directions: PoseWithCovariance of each box, as direction_messages makes them.
+    top: header of the message. directions: PoseWithCovariance of each box, as direction_messages makes them.
     """
     detections = [
         {
@@ -174,7 +174,7 @@ def detections_message(boxes: Array, scores: Array, ids: Iterable[str], top: Mes
 def direction_messages(bearing: Array, covariance: Array) -> list[Message]:
     """PoseWithCovariance of directions (n, 3) of unit length in the camera's frame, x ahead; covariance (n, 2, 2) rad² in their tangent planes.
 
-    Places and their covariances are along the axes of the optical frame.
+    Positions and their covariances are along the axes of the optical frame.
     """
     basis = tangent_basis(bearing) @ OPTICAL_FROM_CAMERA.T
     out = []
@@ -186,7 +186,7 @@ def direction_messages(bearing: Array, covariance: Array) -> list[Message]:
 
 
 def robots_message(seen: RobotDetections, pixels: Array, top: Message) -> Message:
-    """Detection2DArray of other robots: points without a size at `pixels` (n, 2), and directions. top: its header."""
+    """Detection2DArray of other robots: points without a size at `pixels` (n, 2), and directions. top: header of the message."""
     message = detections_message(
         np.column_stack([pixels, np.zeros_like(pixels)]), np.ones(len(seen)), seen.robot, top, direction_messages(seen.bearing, seen.covariance)
     )

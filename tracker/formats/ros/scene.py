@@ -91,7 +91,7 @@ They have distortion_model equirectangular or cylindrical and d = fx, fy, cx, cy
 
 
 def export_mcap(out: Path, recordings: Iterable[RecordedSequence], epoch: int = 0) -> list[str]:
-    """Write a bag for each sequence. Returns notes on what is not there. epoch: time of frame 0, whole seconds.
+    """Write a bag for each sequence. Returns notes on missing images and fitted distortions. epoch: time of frame 0, whole seconds.
 
     Raises ValueError where two robots or two cameras have the same name in ROS.
     """
@@ -140,7 +140,7 @@ class BagScene:
 
     @cached_property
     def odometry(self) -> dict[tuple[int, str], Message]:
-        """(frame, robot) → Odometry: steps joined from the start of the robot on, where it is in frame 0."""
+        """(frame, robot) → Odometry: motions composed from the pose of the robot in frame 0."""
         none = Odometry(Pose.identity(), np.zeros((6, 6)))
         poses = dict.fromkeys(self.recording.setup.moving_robots, (Pose.identity(), np.zeros((6, 6))))
         out = {(0, robot): self._odometry(0, robot, none, *poses[robot]) for robot in poses}
@@ -152,7 +152,7 @@ class BagScene:
 
     @cached_property
     def _steps(self) -> dict[tuple[int, str], Odometry]:
-        """(frame, robot) → the motion of a robot that moves since the frame before."""
+        """(frame, robot) → the motion of a moving robot since the previous frame."""
         moving = self.recording.setup.moving_robots
         steps = enumerate(self.recording.sequence.ticks.odometry())
         return {(frame, robot): step for frame, of_frame in steps for robot, step in of_frame.items() if robot in moving}
@@ -259,7 +259,7 @@ class BagScene:
         yield Topic("/truth/people", "visualization_msgs/MarkerArray"), markers
 
     def _true_odometry(self, frame: int, robot: str, pose: Pose) -> Message:
-        """The velocity is that since the frame before; 0 in frame 0."""
+        """The velocity is the mean since the previous frame; 0 in frame 0."""
         before = self.recording.truth[max(frame - 1, 0)].T_world_robot[robot]
         tangent = (before.inverse() @ pose).log() / self.recording.setup.period
         where = (self.stamps[frame], WORLD, f"{self.robots[robot]}/base_link")
@@ -292,13 +292,13 @@ class BagScene:
             edges, people = ltwh_from_edges(true.seen[seen]), true.person[seen].tolist()
             message = detections_message(edges, true.visible[seen], map(str, people), header(self.stamps[frame], optical))
             yield Topic(f"/{name}/truth/detections", "vision_msgs/Detection2DArray"), message
-            # Foxglove draws markers of the image's own time.
+            # Foxglove draws only markers with the stamp of the image.
             marker = boxes_marker(edges, [person_color(person) for person in people], turn, stamp, optical)
             yield Topic(f"/{name}/truth/detections/markers", IMAGE_MARKER), marker
 
 
 def ros_names(names: list[str]) -> dict[str, str]:
-    """Name → the same with an underscore for each character that ROS does not allow, and `n_` before a first that is no letter.
+    """Name → name in ROS: `_` replaces each character that ROS does not allow, and `n_` precedes a first character that is no letter.
 
     Raises ValueError where two names become the same.
     """

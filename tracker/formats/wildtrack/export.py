@@ -1,6 +1,6 @@
 """Export to WILDTRACK in the variant of MultiviewX and GMVD: fixed cameras, ground positions of people, and detections.
 
-rectangles.pom is of the probabilistic occupancy map (Fleuret et al. 2008): the box of a person at each grid cell in each camera.
+rectangles.pom belongs to the probabilistic occupancy map (Fleuret et al. 2008): the box of a person at each grid cell in each camera.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ CELLS_AT_ONCE = 50_000
 
 
 def export_wildtrack(out: Path, recordings: Iterable[RecordedSequence], rectangles: bool = False) -> list[str]:
-    """Write the sequences. The notes tell which camera is which, the errors of the calibrations, and the relief of the ground.
+    """Write the sequences. The notes map C1 and so on to cameras, and give calibration errors and the heights of people.
 
     rectangles: also write rectangles.pom, with a line for each camera and cell.
     Raises ValueError where a sequence has no fixed camera, fixed cameras of different image sizes, or one that is no pinhole.
@@ -131,7 +131,7 @@ def rectangles(camera: RecordingCamera, feet: Array) -> Ints:
     pixels = np.where(points[:, :1] > MIN_DEPTH, pixels, np.nan).reshape(len(feet), len(body), 2)
     last = np.array([camera.camera.width, camera.camera.height]) - 1
     low, high = np.floor(pixels.min(axis=1)), np.ceil(pixels.max(axis=1))
-    # NaN, of points that have no pixel, is shown nowhere.
+    # Comparisons with NaN, from points without a pixel, are false, so such people are hidden.
     shown = (high >= 0).all(axis=1) & (low <= last).all(axis=1)
     boxes = np.tile(np.array(HIDDEN, dtype=np.int64), (len(feet), 1))
     boxes[shown] = np.concatenate([np.clip(low[shown], 0, last), np.clip(high[shown], 0, last)], axis=1)

@@ -1,7 +1,7 @@
 """WILDTRACK (Chavdarova et al. 2018) in the variant of MultiviewX and GMVD: positions on a ground grid, OpenCV calibrations; writer and reader.
 
 Pixels are those of OpenCV: the centre of the first pixel is (0, 0). A box gives its first and last pixel in each direction, both included.
-Frames and views count from 0, camera files from 1. positionID = gx + columns · gy, and the point of a cell is origin + cell · (gx, gy), metres.
+Frames and views count from 0, camera files from 1. positionID = gx + columns · gy. The point of a cell is origin + cell · (gx, gy), metres.
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ class GroundGrid:
             raise ValueError(f"region is {self.columns} x {self.rows} cells of {self.cell} m, needs at least 1 x 1 and more than 0 m")
 
     @staticmethod
-    def around(points: Array, margin: float = 1.0) -> GroundGrid:
-        """The grid around points (n, 2) m with a margin m, its bounds rounded outwards to whole metres."""
+    def around(points: Array) -> GroundGrid:
+        """The grid around points (n, 2) m with a margin of 1 m, its bounds rounded outwards to whole metres."""
         low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (np.zeros(2), np.zeros(2))
-        low, high = np.floor(low - margin), np.ceil(high + margin)
+        low, high = np.floor(low - 1.0), np.ceil(high + 1.0)
         columns, rows = np.round((high - low) / CELL).astype(int)
         return GroundGrid(low, int(columns), int(rows))
 
@@ -154,7 +154,7 @@ def read_calibration(folder: Path, name: str, size: tuple[int, int], intrinsic: 
 def _stored(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> list[Array]:
     """The matrices of a file by name and shape; vectors may be rows, columns, or plain numbers, as WILDTRACK has them.
 
-    OpenCV's own reader is not used, since damaged files can make it write beyond its memory.
+    OpenCV's own reader is not used, because damaged files can make it write out of bounds.
     """
     if not path.is_file():
         raise ValueError(f"{path}: no such file")

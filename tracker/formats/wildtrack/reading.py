@@ -1,15 +1,15 @@
-"""Reading WILDTRACK, MultiviewX, GMVD and the export `wildtrack` of pilsim as a recording. Folders of all have one layout:
+"""Reading WILDTRACK, MultiviewX, GMVD and the export `wildtrack` of pilsim as a recording. All have one layout:
 
     calibrations/extrinsic/extr_NAME.xml     rvec [rad], tvec from the world to the camera (x right, y down, z ahead).
     calibrations/intrinsic/intr_NAME.xml     camera_matrix [px], distortion_coefficients; WILDTRACK: intrinsic_zero, intrinsic_original.
-    annotations_positions/00000.json         who stands on which point of the grid, a file a frame.
+    annotations_positions/00000.json         grid points of people, one file per frame.
     Image_subsets/C1/0000.png                optional: images.
-    detections/C1.txt                        optional: MOT15, frames from 1, boxes in pixels of which the first has its centre at (0, 0).
+    detections/C1.txt                        optional: MOT15, frames from 1, boxes in pixels; the first pixel's centre is (0, 0).
     config.json                              GMVD and pilsim: the grid in metres, and the size of the images.
 
-WILDTRACK is told by its cameras: C1 to C4 are CVLab1 to CVLab4, C5 to C7 are IDIAP1 to IDIAP3. Its unit is the centimetre, its files are every
-fifth frame of videos, and the grid is 480 points of 2.5 cm along x, from −3 m, by 1440 along y, from −9 m. In the others the cameras are Camera1,
-Camera2 and so on (C1, C2, …), and the unit is the metre. Those without config.json are read as MultiviewX: 1000 by 640 points from (0, 0).
+WILDTRACK is recognized by its camera names: C1 to C4 are CVLab1 to CVLab4, C5 to C7 are IDIAP1 to IDIAP3. Its unit is the centimetre, and its
+files are every fifth frame of videos. The grid is 480 points of 2.5 cm along x, from −3 m, by 1440 along y, from −9 m. The other sets name
+cameras Camera1, Camera2 and so on (C1, C2, …), in metres. Without config.json they are read as MultiviewX: 1000 by 640 points from (0, 0).
 """
 
 from __future__ import annotations
@@ -43,18 +43,18 @@ RATE = 2.0
 SIZE = (1080, 1920)
 """Height and width, px, of the images of both."""
 LEAST_HEIGHT = 0.1
-"""m above the ground: a lower camera tells of a wrong unit."""
+"""m above the ground: a lower camera indicates a wrong unit."""
 MOST_DISTANCE = 10.0
-"""Distance of a camera from the middle of the grid over the grid's diagonal. A greater one tells of a wrong unit."""
+"""Distance of a camera from the middle of the grid over the grid's diagonal. A greater one indicates a wrong unit."""
 GRID_SAMPLES = 60
-"""Points along each side of the grid at which it is checked that cameras see it."""
+"""Points along each side of the grid for the check that cameras see it."""
 INTRINSICS = ("intrinsic_zero", "intrinsic", "intrinsic_original")
-"""Folders of intrinsics, the first that is there is read: the pictures of WILDTRACK have no distortion, its videos have that of the last."""
+"""Folders of intrinsics; the first existing one is read. WILDTRACK's pictures have no distortion, its videos that of intrinsic_original."""
 
 
 @dataclass(frozen=True, eq=False)
 class WildtrackLayout:
-    """How a folder is read: name of the data set; camera → NAME in its files; unit m of translations; grid; rate 1/s; step between file numbers."""
+    """How a folder is read. name: of the data set. cameras: camera → NAME in its files. unit of translations, m. rate 1/s. step of file numbers."""
 
     name: str
     cameras: dict[str, str]
@@ -78,7 +78,7 @@ def is_wildtrack(path: Path) -> bool:
 def read_wildtrack(path: Path) -> Recording:
     """Read a folder of one of the data sets.
 
-    Frames without a file of annotations keep their numbers and have nobody. Detections and images may be absent.
+    Frames without a file of annotations keep their numbers and have no people. Detections and images may be absent.
     Raises ValueError with file and field for missing or invalid content, for people outside the grid, and for calibrations of a wrong unit.
     """
     layout = wildtrack_layout(path)
@@ -113,7 +113,7 @@ def read_wildtrack(path: Path) -> Recording:
 
 
 def wildtrack_layout(path: Path) -> WildtrackLayout:
-    """Tell which data set a folder holds. Raises ValueError where the names of the cameras are of none, and for an invalid config.json."""
+    """Recognize the data set of a folder. Raises ValueError for unknown names of cameras, and for an invalid config.json."""
     folder, config = path / "calibrations" / "extrinsic", path / "config.json"
     names = [file.stem.removeprefix("extr_") for file in sorted(folder.glob("extr_*.xml"))]
     if names and set(names) <= set(WILDTRACK_CAMERAS):
@@ -140,7 +140,7 @@ def wildtrack_layout(path: Path) -> WildtrackLayout:
 
 
 def _check_unit(camera: RecordingCamera, layout: WildtrackLayout, file: Path) -> None:
-    """Raises ValueError for a camera that stands as one does whose translation has another unit."""
+    """Raises ValueError for a camera whose place indicates another unit of its translation."""
     place, (low, high) = camera.pose.translation, layout.area
     diagonal, away = float(np.linalg.norm(high - low)), float(np.linalg.norm(place[:2] - (low + high) / 2))
     unit = "centimetres" if layout.unit == 0.01 else "metres"
@@ -153,7 +153,7 @@ def _check_unit(camera: RecordingCamera, layout: WildtrackLayout, file: Path) ->
 
 
 def _check_views(cameras: dict[str, RecordingCamera], layout: WildtrackLayout, folder: Path) -> None:
-    """Raises ValueError where no camera sees any of the grid: its rotations are then those of another convention."""
+    """Raises ValueError where no camera sees any of the grid, which indicates rotations of another convention."""
     low, high = layout.area
     x, y = np.meshgrid(*np.linspace(low, high, GRID_SAMPLES).T)
     points = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
@@ -195,7 +195,7 @@ def _truth(path: Path, layout: WildtrackLayout) -> tuple[dict[int, tuple[Ints, A
 
 
 def _feet(feet: Array, place: Array, cell: float, where: str) -> Array:
-    """The exact place of a person, a field of pilsim. Raises ValueError where it is not that of the positionID."""
+    """The exact place of a person, a field of pilsim. Raises ValueError where it is farther than a cell from its positionID."""
     if np.abs(feet[:2] - place[:2]).max() > cell:
         raise ValueError(f"{where}: feet is {feet.tolist()}, needs x, y, z within {cell:g} m of its positionID at {place[:2].tolist()}")
     return feet

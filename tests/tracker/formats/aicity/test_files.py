@@ -73,7 +73,9 @@ def test_calibration_reads_back_and_projects_as_opencv(tmp_path: Path) -> None:
 
 def test_other_sensors_are_left_out_and_numbers_may_be_text(tmp_path: Path) -> None:
     path = tmp_path / "calibration.json"
-    path.write_text(json.dumps({"sensors": [SENSOR, {"type": "lidar", "id": "L"}]}))
+    # Attributes that are not read hold any text, as in NVIDIA's files.
+    polygon = [*SENSOR["attributes"], {"name": "fieldOfViewPolygon", "value": "POLYGON((0 0, 1 0, 1 1, 0 0))"}]
+    path.write_text(json.dumps({"sensors": [SENSOR | {"attributes": polygon}, {"type": "lidar", "id": "L"}]}))
     rate, cameras = read_calibration(path)
     assert (rate, list(cameras), cameras["Camera"].camera.width, cameras["Camera"].camera.height) == (30.0, ["Camera"], 1920, 1080)
 

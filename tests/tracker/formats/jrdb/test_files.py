@@ -64,12 +64,13 @@ def test_field_values_of_the_format(tmp_path: Path) -> None:
     assert entry["attributes"]["distance"] == pytest.approx(8**0.5)
 
 
-def test_jrdb_own_files_are_read(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("word", "visible"), [("Fully_visible", 1.0), ("Mostly_visible", 0.5), ("Severely_occluded", 0.25), ("Fully_occluded", 0.0)])
+def test_jrdb_own_files_are_read(tmp_path: Path, word: str, visible: float) -> None:
     """Without our fields; the visible fraction is what the word says."""
-    entry = {"label_id": "pedestrian:5", "box": [1, 2, 3, 4], "attributes": {"occlusion": "Mostly_visible"}}
+    entry = {"label_id": "pedestrian:5", "box": [1, 2, 3, 4], "attributes": {"occlusion": word}}
     (tmp_path / "s.json").write_text(json.dumps({"labels": {"000012.jpg": [entry]}}))
     (label,) = read_labels_2d(tmp_path / "s.json")[12]
-    assert (label.person, label.visible, label.occlusion) == (5, 0.5, "Mostly_visible")
+    assert (label.person, label.visible, label.occlusion) == (5, visible, word)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,21 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.tracker import sequences
-from tests.tracker.formats.ros.robot_bag import COMPRESSED, EPOCH, FORMS, HEIGHT, MOUNT, WIDTH, RobotBag, Row, image_message, jpeg_message, pose_at
+from tests.tracker.formats.ros.robot_bag import (
+    COMPRESSED,
+    EPOCH,
+    FORMS,
+    HEIGHT,
+    IMAGE,
+    MOUNT,
+    WIDTH,
+    RobotBag,
+    Row,
+    image_message,
+    jpeg_message,
+    pose_at,
+    write_bag,
+)
 from tracker.formats.exporting import export
 from tracker.formats.opening import open_sequence
 from tracker.formats.ros.bag import message_types
@@ -153,6 +167,40 @@ def test_a_bag_whose_stamps_are_all_0_is_refused(tmp_path: Path) -> None:
     bag = _images(lambda n, row: (*row[:2], image_message(n, 0), row[3])).write(tmp_path / "walk")
     with pytest.raises(ValueError, match=r"/pano/image_raw: stamp is 0, at .*; so are all its 11 messages"):
         read_bag(bag, PANORAMA, tmp_path / "out")
+
+
+def test_stamps_that_jump_are_refused(tmp_path: Path) -> None:
+    bag = _images(lambda n, row: (*row[:2], image_message(n, row[3] if n > 4 else n * 200_000_000 + 1), row[3])).write(tmp_path / "walk")
+    with pytest.raises(ValueError, match=r"walk: stamps of images are .* at 5/s \(pano from 0\.0+1 to 1700000002\..*one clock") as caught:
+        read_bag(bag, PANORAMA, tmp_path / "out")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("unknown", [np.nan, np.inf])
+def test_a_variance_that_is_no_number_is_not_stated(tmp_path: Path, unknown: float) -> None:
+    def change(row: Row) -> Row:
+        if row[0] != "/odom":
+            return row
+        covariance = np.diag([1e-4, unknown, unknown, unknown, unknown, 1e-4])
+        return (*row[:2], row[2] | {"twist": row[2]["twist"] | {"covariance": covariance.ravel()}}, row[3])
+
+    notes: list[str] = []
+    recording = read_bag(RobotBag(change=change).write(tmp_path / "walk"), PANORAMA, tmp_path / "out", notes.append)
+    assert "/odom: states no variance of y, z, roll, pitch; 5 cm and 2 degrees after a metre are taken" in notes
+    assert recording.robots["robot"].odometry[5].covariance[0, 0] == pytest.approx(1e-4 * 0.05 * 0.2, rel=0.1)
+
+
+def test_unrelated_cameras_without_odometry_are_robots_of_their_own(tmp_path: Path) -> None:
+    names = ("left", "right", "rear")
+
+    def rows() -> list[Row]:
+        stamps = [EPOCH + 200_000_000 * k for k in range(3)]
+        framed = [(n, stamp, image_message(k, stamp) | {"header": header(stamp, n)}) for k, stamp in enumerate(stamps) for n in names]
+        return [(f"/ns/{name}/image_raw", IMAGE, message, stamp) for name, stamp, message in framed]
+
+    bag = write_bag(tmp_path / "walk", "mcap", rows())
+    recording = read_bag(bag, BagTopics({f"/ns/{name}/image_raw": "panorama" for name in names}), tmp_path / "out")
+    assert len({camera.robot for camera in recording.cameras.values()}) == 3
 
 
 def test_two_cameras_of_one_frame_are_refused(tmp_path: Path) -> None:

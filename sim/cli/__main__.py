@@ -1,6 +1,0 @@
-"""`python -m sim.cli`: the command `pilsim` where no script is installed."""
-
-from pilsim import main
-
-if __name__ == "__main__":
-    main()
