@@ -96,10 +96,24 @@ def print_correlations(options: argparse.Namespace, real: np.ndarray, made: np.n
     for case in range(options.cases):
         kinds[kind_of(case, options.seed)].append(case)
     print(f"{'all rows':16} {shown(correlation(whole, real.mean(axis=1)))}")
+    # Scores of single runs have noise: two noisy means correlate less than what they measure does.
+    noise = reliability(made), reliability(real)
+    print(f"reliability of the means: cases {noise[0]:.2f}, rows {noise[1]:.2f}; the most they can correlate is {np.sqrt(noise[0] * noise[1]):.2f}")
     for column, row in enumerate(options.rows):
         print(f"{row:16} {shown(correlation(whole, real[:, column]))}")
     for kind, cases in sorted(kinds.items()):
         print(f"{kind + ', all rows':16} {shown(correlation(np.nanmean(made[:, cases], axis=1), real.mean(axis=1)))}")
+
+
+def reliability(scores: np.ndarray) -> float:
+    """Rank correlation of the mean of scores (sets, n) with that of n others of their kind, by random halves (Spearman 1910, Brown 1910)."""
+    rng, n = np.random.default_rng(0), scores.shape[1]
+    halves = []
+    for _ in range(RESAMPLES // 10):
+        order = rng.permutation(n)
+        halves.append(spearmanr(*(np.nanmean(scores[:, part], axis=1) for part in (order[: n // 2], order[n // 2 :]))).statistic)
+    found = max(float(np.mean(halves)), 0.0)
+    return 2 * found / (1 + found)
 
 
 def shown(found: tuple[float, float, float]) -> str:
