@@ -14,7 +14,7 @@ from PIL import Image
 
 from worlds.engine import mujoco
 from worlds.terrain.heightfield import Array
-from worlds.triangles import compiled_mesh, scenery
+from worlds.triangles import compiled_mesh, compiled_picture, scenery
 from worlds.world import World
 
 _ASSETS = "assets"
@@ -92,7 +92,7 @@ def _mjcf(world: World, folder: str) -> tuple[str, dict[str, bytes]]:
 
     for texture in spec.textures:
         if model is not None and (texture.file or any(texture.cubefiles)):
-            texture.file = stored(f"{texture.name}.png", _compiled_png(model, texture))
+            texture.file = stored(f"{texture.name}.png", _png(compiled_picture(model, model.texture(texture.name).id)))
             texture.cubefiles, texture.vflip, texture.hflip, texture.content_type = [""] * 6, 0, 0, "image/png"
             if texture.type != mujoco.mjtTexture.mjTEXTURE_2D:
                 texture.gridsize, texture.gridlayout = [6, 1], "RLUDFB"
@@ -115,13 +115,6 @@ def _mjcf(world: World, folder: str) -> tuple[str, dict[str, bytes]]:
     return spec.to_xml(), files
 
 
-def _compiled_png(model: mujoco.MjModel, texture: mujoco.MjsTexture) -> bytes:
-    """A texture that a model reads from files; the six sides of a cube one below the other."""
-    k = model.texture(texture.name).id
-    shape = model.tex_height[k], model.tex_width[k], model.tex_nchannel[k]
-    return _png(model.tex_data[model.tex_adr[k] : model.tex_adr[k] + int(np.prod(shape))].reshape(shape))
-
-
 def _png(pixels: NDArray[np.uint8]) -> bytes:
     buffer = io.BytesIO()
     Image.fromarray(pixels.squeeze()).save(buffer, "PNG")
@@ -130,9 +123,10 @@ def _png(pixels: NDArray[np.uint8]) -> bytes:
 
 def _compiled_wavefront(model: mujoco.MjModel, mesh: mujoco.MjsMesh) -> bytes:
     """An OBJ file of a mesh that a model reads from a file. Its scale and reference frame are in the vertices, and are taken from `mesh`."""
-    made, k = compiled_mesh(model, number := model.mesh(mesh.name).id), np.zeros(9)
-    mujoco.mju_quat2Mat(k, model.mesh_quat[number])
-    vertices = np.asarray(made.vertices) @ k.reshape(3, 3).T + model.mesh_pos[number]
+    number, turn = model.mesh(mesh.name).id, np.zeros(9)
+    mujoco.mju_quat2Mat(turn, model.mesh_quat[number])
+    made = compiled_mesh(model, number)
+    vertices = np.asarray(made.vertices) @ turn.reshape(3, 3).T + model.mesh_pos[number]
     mesh.scale, mesh.refpos, mesh.refquat = [1, 1, 1], [0, 0, 0], [1, 0, 0, 0]
     return _obj_text(vertices, np.asarray(made.faces), made.metadata.get("uv"))
 

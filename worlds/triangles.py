@@ -101,6 +101,12 @@ def compiled_mesh(model: mujoco.MjModel, number: int) -> trimesh.Trimesh:
     return trimesh.Trimesh(vertices[pairs[:, 0]], inverse.reshape(-1, 3), process=False, metadata={"uv": uv})
 
 
+def compiled_picture(model: mujoco.MjModel, number: int) -> NDArray[np.uint8]:
+    """The pixels (height, width, channels) of a texture; the six sides of a cube one below the other."""
+    shape = model.tex_height[number], model.tex_width[number], model.tex_nchannel[number]
+    return np.asarray(model.tex_data[model.tex_adr[number] :][: int(np.prod(shape))].reshape(shape))
+
+
 def _field(model: mujoco.MjModel, number: int) -> trimesh.Trimesh:
     """The surface of a height field, its cells split as MuJoCo splits them; the texture lies once over all of it, north up."""
     rows, columns, start = model.hfield_nrow[number], model.hfield_ncol[number], model.hfield_adr[number]
@@ -121,8 +127,6 @@ def _material(model: mujoco.MjModel, number: int, owner: str) -> Any:
     colour = np.round(255 * model.mat_rgba[number]).astype(np.uint8)
     image = None
     if texture >= 0:
-        width, height, channels = model.tex_width[texture], model.tex_height[texture], model.tex_nchannel[texture]
-        start = model.tex_adr[texture]
-        image = Image.fromarray(model.tex_data[start : start + width * height * channels].reshape(height, width, channels))
+        image = Image.fromarray(compiled_picture(model, texture))
     name = f"{owner}-{model.mat(number).name}"
     return PBRMaterial(name=name, baseColorFactor=colour, baseColorTexture=image, metallicFactor=0.0, roughnessFactor=1.0)

@@ -89,10 +89,11 @@ class _Calibrator:
     def _view(self, name: str, camera: RecordingCamera) -> None:
         table = linked_boxes(camera.camera, self.recording.detections[name], self.recording.rate, self.recording.clocks.get(name))
         row = self._given(name, camera)
-        found = None if row is not None else single_view(camera.camera, table, "K" not in camera.unknown, self.known.heights.get(name))
-        single = found if row is None else SingleView(row, ())
-        if row is not None:
-            self.rows[name] = row
+        single: SingleView | None
+        if row is None:
+            single = single_view(camera.camera, table, "K" not in camera.unknown, self.known.heights.get(name))
+        else:
+            self.rows[name], single = row, SingleView(row, ())
         if single is None:
             count = int(table.whole.sum())
             needed = f"needs at least {LEAST_BOXES} that are apart in time, of people below a horizon"

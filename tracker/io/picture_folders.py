@@ -8,7 +8,8 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from tracker.io.image_files import PICTURES
+from tracker.geometry import Image
+from tracker.io.image_files import PICTURES, decode_picture, orientation
 from tracker.io.mot15 import MAX_FRAME
 from tracker.io.time_order import counted, say
 from tracker.io.video_files import VIDEOS
@@ -35,6 +36,18 @@ def visible_files(folder: Path, kinds: Iterable[str] = READ) -> list[Path]:
     read = [one for one in there if one.suffix.lower() in kinds and not one.is_dir()]
     say_left_out(folder, [one for one in there if one not in set(read)], f"need to be files with {', '.join(kinds)}")
     return sorted(read, key=lambda one: natural_key(one.name))
+
+
+def read_picture(file: Path) -> Image:
+    """An image (H, W, 3) RGB. That images of its folder are turned upright is logged. Raises ValueError, with the file, as decode_picture."""
+    data = file.read_bytes()
+    try:
+        image = decode_picture(data)
+    except ValueError as error:
+        raise ValueError(f"{file}: {error}") from None
+    if orientation(data) != 1:
+        say(f"{file.parent}: images are turned upright by their EXIF orientation")
+    return image
 
 
 def say_left_out(folder: Path, files: Iterable[Path], why: str) -> None:

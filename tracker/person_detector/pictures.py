@@ -10,9 +10,8 @@ import cv2
 import numpy as np
 
 from tracker.geometry import Image
-from tracker.io.image_files import PICTURES, decode_picture, orientation
-from tracker.io.picture_folders import READ, content_checksum, say_order, visible_files
-from tracker.io.time_order import say
+from tracker.io.image_files import PICTURES
+from tracker.io.picture_folders import READ, content_checksum, read_picture, say_order, visible_files
 from tracker.io.video_files import VIDEOS, number_of_frames, open_video
 from tracker.person_detector.detected_ticks import sites_of
 from tracker.person_detector.detector import CameraPlace
@@ -54,7 +53,7 @@ def frames_of_pictures(path: Path) -> Iterator[PictureFrame]:
             yield from _video(files[0], camera)
             continue
         for index, file in enumerate(files):
-            yield PictureFrame(index, camera, _picture(file), CameraPlace())
+            yield PictureFrame(index, camera, read_picture(file), CameraPlace())
 
 
 def _cameras(path: Path) -> dict[str, list[Path]]:
@@ -82,17 +81,6 @@ def number_of_pictures(path: Path) -> int:
 def pictures_checksum(path: Path) -> str:
     """A checksum of all images and videos of `frames_of_pictures`."""
     return content_checksum(file for camera in _cameras(path).values() for file in camera)
-
-
-def _picture(file: Path) -> Image:
-    data = file.read_bytes()
-    try:
-        image = decode_picture(data)
-    except ValueError as error:
-        raise ValueError(f"{file}: {error}") from None
-    if orientation(data) != 1:
-        say(f"{file.parent}: images are turned upright by their EXIF orientation")
-    return image
 
 
 def _video(file: Path, camera: str) -> Iterator[PictureFrame]:

@@ -12,9 +12,7 @@ import cv2
 import numpy as np
 
 from tracker.geometry import Image
-from tracker.io.image_files import decode_picture, orientation
-from tracker.io.picture_folders import frames_from_zero, natural_key, numbered_files, say_left_out, visible_files
-from tracker.io.time_order import say
+from tracker.io.picture_folders import frames_from_zero, natural_key, numbered_files, read_picture, say_left_out, visible_files
 from tracker.io.video_files import VIDEOS, frame_times, open_video
 from tracker.types import Odometry, Tick, Ticks, View
 
@@ -92,15 +90,9 @@ class ImageFiles:
             if path is None:
                 yield None
                 continue
-            data = path.read_bytes()
-            try:
-                image = decode_picture(data)
-            except ValueError as error:
-                raise ValueError(f"{path}: {error}") from None
+            image = read_picture(path)
             if image.shape[:2] != size:
                 raise ValueError(f"{path}: is {image.shape[1]} x {image.shape[0]} px, its camera {size[1]} x {size[0]} px")
-            if (turned := orientation(data)) != 1:
-                say(f"{path.parent}: images are turned upright by their EXIF orientation ({turned} in {path.name})")
             yield image
 
 
