@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from tracker.geometry import Pose
-from tracker.io.mot15 import read_mot15
+from tracker.io.mot15 import place_of_row, read_mot15
 from tracker.options import load_function, parameters_from
 from tracker.pipeline import track
 from tracker.sequence.results import Results
@@ -108,7 +108,7 @@ def _read_tracks(path: Path, frames: int) -> Results:
     """Read tracks that were made elsewhere. Raises ValueError for rows without positions, and for frames beyond the run."""
     rows = read_mot15(path, tracks=True)
     if not rows.has_position.all():
-        raise ValueError(f"{path}: row {int(np.argmin(rows.has_position)) + 1} has no x, y, z")
+        raise ValueError(f"{place_of_row(path, int(np.argmin(rows.has_position)))}: has no x, y, z")
     if len(rows) and rows.frame.max() > frames:
         raise ValueError(f"{path}: frame is {rows.frame.max()}, needs at most {frames}")
     tracks = {frame - 1: (rows.id[k], rows.position[k]) for frame, k in rows.by_frame().items()}

@@ -52,6 +52,9 @@ from tracker.types.ticks import ROUNDING
 MOSTLY = 0.9
 """A person counts as seen if the last box is fewer revisits ago. The bound is below 1 because clocks jitter."""
 
+MOST_LEAVING = 0.99
+"""Largest probability that a person leaves between two ticks, however far apart they are."""
+
 MAX_OUTSIDE = 3 / 7
 """s outside all views after which a confirmed track is deleted."""
 
@@ -176,7 +179,7 @@ class MhtFilter:
         return people, present
 
     def _survived(self, existence: Array) -> Array:
-        return survived(existence, self.now.seconds / self.parameters.residence)
+        return survived(existence, min(self.now.seconds / self.parameters.residence, MOST_LEAVING))
 
     def _observation(self, views: list[GroundDetections], cameras: list[Viewpoint]) -> Observation:
         """The views of a tick with the predicted leaves."""

@@ -102,7 +102,8 @@ class SensorModel:
         several = now.confirmed & ((now.box >= 0).sum(axis=1) > 1)
         for v, feet in enumerate(now.views):
             confirmed, mine = now.confirmed, now.box[:, v] >= 0
-            self.detection_rates.learn_partly_visible(feet.camera, now.cover[confirmed, v], mine[confirmed])
+            expected = confirmed & (now.expected[:, v] > 0)
+            self.detection_rates.learn_partly_visible(feet.camera, now.cover[expected, v], mine[expected])
             false = now.doubt[v].copy()
             false[now.box[mine, v]] = 1 / (1 + np.exp(np.clip(now.existence[mine], -20, 20)))
             false[now.box[confirmed & mine, v]] = 0

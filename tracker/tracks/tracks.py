@@ -26,9 +26,9 @@ FADE_AFTER, FADE_TIME = 0.4, 1.0
 class MotionParameters:
     """Motion of people."""
 
-    acceleration: float = 0.8  # m/s^1.5, square root of the growth of the velocity's variance per second
+    acceleration: float = 0.5  # m/s^1.5, square root of the growth of the velocity's variance per second
     start_speed: float = 1.0  # m/s, standard deviation of an unknown velocity, per axis
-    foot_spread: float = 0.2  # m, standard deviation of the feet from the ground under the body
+    foot_spread: float = 0.15  # m, standard deviation of the feet from the ground under the body
     v_max: float = 3.0  # m/s, a faster track is deleted: it consists of false boxes or of several people's
 
 

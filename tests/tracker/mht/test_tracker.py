@@ -74,6 +74,19 @@ def test_a_gap_is_bridged_and_keeps_the_id() -> None:
     assert all(len(e.target_id) == 1 for e in estimates[20:25])
 
 
+def test_people_who_stand_still_are_tracked_after_a_pause_of_the_recording() -> None:
+    """The pause is longer than the mean time for which a track follows one person."""
+    rng = np.random.default_rng(3)
+    setup, walked = synthetic_crowd.setup(), np.repeat(synthetic_crowd.paths(3, 1, rng), 40, axis=0)
+    ticks = synthetic_crowd.ticks(setup, walked, rng, misses=0.0, clutter=0.0)
+    paused = [replace(tick, time=tick.time + 100 * (tick.index >= 20)) for tick in ticks]
+    tracker = Tracker(setup, MHT)
+    for tick in paused:
+        tracker.step(tick)
+        assert np.isfinite(tracker._people.filter.leaves.existence).all()
+    assert len(list(track(setup, paused, MHT))[-1].target_id) == 3
+
+
 @pytest.mark.parametrize(("back", "then"), [(40, 1), (80, 2)])
 def test_a_lost_person_is_deleted_and_re_identified_within_eight_seconds(back: int, then: int) -> None:
     """After that a new person is likelier, and no id is used for two people."""

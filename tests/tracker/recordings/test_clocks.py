@@ -55,7 +55,7 @@ def mota(room: Recording, delay: int = 0) -> float:
 
 def test_cameras_with_clocks_of_their_own_follow_people_as_cameras_in_step_do() -> None:
     room, delay = fast_room(), 5
-    apart = with_clocks(room, OWN)
+    apart = with_clocks(room, OWN | {"C2": CameraClock(0.2, 5.0)})
     assert mota(apart, delay) > mota(room, delay) - 0.02
     # Without its times the slow camera's boxes are those of other moments.
     pair = ["C2", "C3"]
