@@ -22,7 +22,7 @@ from tracker.recordings.camera_json import camera_from, camera_to
 from tracker.recordings.recording import RecordingRobot
 from tracker.types import Odometry, Start
 
-VERSION = 4
+VERSION = 5
 """Version of the population; cases of other versions are refused."""
 PIXEL, METRE, SHARE = 100, 1000, 10000
 """Steps per px, m and 1 to which boxes, positions, and confidences and visible shares are rounded."""

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.tuning.walks import OUTDOOR_WORLDS, Habits, Surroundings, floor, furniture, outdoor
+from sim.tuning.walks import OUTDOOR_WORLDS, WARM_UP, Habits, Surroundings, floor, furniture, outdoor
 from tracker.geometry import Array, Pose
 from tracker.geometry.cameras import Camera, Panorama, Pinhole
 from tracker.recordings import RecordingCamera
@@ -22,6 +22,8 @@ BLOCK = ("lab", "lab", "lab", "lab", "lab", "office", "office", "office", "hall"
 """Kinds of 20 consecutive cases, in random order. Eight are small rooms, full of people or furnished."""
 MOST_WORK, MOST_FRAMES, LEAST_FRAMES = 2200, 120, 30
 """Largest product of frames, people and cameras of a case, so that tracking takes seconds; bounds of the number of frames."""
+CROSSED = 0.85
+"""Length of the way of a person who crosses a place, as a share of its diagonal."""
 
 
 def pinhole_of(rng: np.random.Generator, view: tuple[float, float]) -> Pinhole:
@@ -129,6 +131,15 @@ class CaseScene:
         seen = self.at_once * (len(self.cameras) + self.rovers)
         return int(np.clip(round(MOST_WORK / seen), min(LEAST_FRAMES, self.most_frames), self.most_frames))
 
+    def with_crossers(self, rng: np.random.Generator) -> CaseScene:
+        """In half of the scenes, some or all people cross the place steadily, as pedestrians in a street do. As many come as leave."""
+        if rng.random() < 0.5:
+            return self
+        share, diagonal = float(rng.uniform(0.3, 1.0)), float(np.linalg.norm(self.around.area[1] - self.around.area[0]))
+        seconds = CROSSED * diagonal / self.habits.speed
+        people = self.at_once + round(share * self.at_once * (WARM_UP + self.frames / self.rate) / seconds)
+        return replace(self, people=people, habits=replace(self.habits, crossing=share))
+
 
 def scene(kind: str, rng: np.random.Generator) -> CaseScene:
     """A scene of a kind of BLOCK."""
@@ -176,7 +187,7 @@ def _hall(rng: np.random.Generator) -> CaseScene:
     around = floor(_from_origin(size), furniture(size, 0.015, rng), int(rng.integers(2, 5)), rng)
     habits = Habits(rng.uniform(0.1, 0.6), 0.0, rng.uniform(0.0, 0.1), rng.uniform(4.0, 15.0), rng.uniform(0.9, 1.4), (0.4, 1.0))
     seen = corner_cameras(size, int(rng.integers(3, 9)), rng)
-    return CaseScene(around, people, _turnover(people, rng, 0.6), habits, seen, 0, float(rng.choice([2.0, 4.0, 7.0, 10.0])))
+    return CaseScene(around, people, _turnover(people, rng, 0.6), habits, seen, 0, float(rng.choice([2.0, 4.0, 7.0, 10.0]))).with_crossers(rng)
 
 
 def _square(rng: np.random.Generator) -> CaseScene:
@@ -186,7 +197,7 @@ def _square(rng: np.random.Generator) -> CaseScene:
     around = floor(_from_origin(size), furniture(size, 0.003, rng), int(rng.integers(3, 8)), rng)
     habits = Habits(rng.uniform(0.0, 0.5), 0.0, 0.0, rng.uniform(4.0, 20.0), rng.uniform(1.0, 1.5), (0.4, 1.0))
     seen = mast_cameras(around, int(rng.integers(2, 9 if people > 4 else 5)), rng)
-    return CaseScene(around, people, _turnover(people, rng, 1.0), habits, seen, 0, float(rng.choice([2.0, 7.0, 10.0])))
+    return CaseScene(around, people, _turnover(people, rng, 1.0), habits, seen, 0, float(rng.choice([2.0, 7.0, 10.0]))).with_crossers(rng)
 
 
 def _outdoor(rng: np.random.Generator) -> CaseScene:
@@ -195,7 +206,7 @@ def _outdoor(rng: np.random.Generator) -> CaseScene:
     people, rovers = int(rng.integers(3, 41)), int(rng.integers(0, 5))
     habits = Habits(rng.uniform(0.0, 0.5), 0.0, 0.0, rng.uniform(3.0, 12.0), rng.uniform(0.9, 1.3), (0.4, 1.2))
     fixed = int(rng.integers(max(0, 3 - rovers), 5)) if rovers < 4 else int(rng.integers(0, 3))
-    return CaseScene(around, people, _turnover(people, rng, 0.5), habits, mast_cameras(around, fixed, rng), rovers, 6.0)
+    return CaseScene(around, people, _turnover(people, rng, 0.5), habits, mast_cameras(around, fixed, rng), rovers, 6.0).with_crossers(rng)
 
 
 def _rovers(rng: np.random.Generator) -> CaseScene:

@@ -1,4 +1,4 @@
-"""Places of synthetic cases, and paths of people and rovers in them: they come, walk, stand in groups, sit, wait at doors and leave.
+"""Places of synthetic cases, and paths of people and rovers in them: they come, walk, cross, stand in groups, sit, wait at doors and leave.
 
 People are points with the social force (Helbing and Molnár 1995), along shortest paths in free space. The force on standing people is small, so
 that they stand as close together as in real rooms. Places have free space, doors, seats and occluders.
@@ -22,6 +22,8 @@ BODY_RADIUS = 0.2
 """m: a person's middle keeps this distance from walls and furniture."""
 LEVEL = Flat()
 OUTDOOR_WORLDS = ("campus", "forest", "hills", "quarry", "ruins")
+MOST_PEOPLE = 60
+"""People at once, at most, unless more are there from the start; others wait outside."""
 SPOTS = 14
 """Places of a case to which people walk."""
 STEPS = 4
@@ -32,8 +34,8 @@ RELAXATION, PUSH, REACH = 0.4, 1.6, 0.22
 """The social force: s until the wanted velocity is reached; m/s² where bodies touch; m over which it falls by e."""
 TOUCH = 0.45
 """m: distance of the middles of two bodies that touch."""
-ARRIVED, DIRECT = 0.2, 1.5
-"""m: distances from a goal within which a person stops, and within which the path to it is straight."""
+ARRIVED, LEFT, DIRECT = 0.2, 0.6, 1.5
+"""m: distances from a goal at which people stop, from a door at which they leave, and from a goal within which the path is straight."""
 PATIENCE = 5.0
 """s without progress after which a person stands still, or goes elsewhere."""
 WARM_UP = 12.0
@@ -147,6 +149,7 @@ class Habits:
 
     standing, sitting, waiting: probabilities that a person next stands in a group, sits, or waits at a door; others walk on after a short pause.
     pause: s that people stand in the mean. speed: m/s in the mean. gap: m, lowest and highest distance of neighbours in a group.
+    crossing: probability that a person crosses the place to a door and leaves. If it is not 0, all who come later cross, and the others stay.
     """
 
     standing: float
@@ -155,6 +158,7 @@ class Habits:
     pause: float
     speed: float
     gap: tuple[float, float]
+    crossing: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,6 +175,7 @@ class Walkers:
     def __init__(self, around: Surroundings, habits: Habits, people: int, rovers: int, rng: np.random.Generator) -> None:
         n = people + rovers
         self.around, self.habits, self.rng, self.people = around, habits, rng, people
+        self.targets = np.concatenate([around.spots, around.doors, around.seats])
         self.fields: dict[int, Array] = {}
         self.place, self.velocity = np.zeros((n, 2)), np.zeros((n, 2))
         self.goal, self.target = np.zeros((n, 2)), np.zeros(n, dtype=np.int64)
@@ -182,19 +187,24 @@ class Walkers:
         self.leave, self.present = np.full(n, np.inf), np.zeros(n, dtype=bool)
         self.members: dict[int, list[int]] = {}
         self.gap = rng.uniform(*habits.gap, len(around.spots))
+        self.crosses, self.most = np.zeros(n, dtype=bool), MOST_PEOPLE
 
     @staticmethod
     def of(around: Surroundings, habits: Habits, counts: tuple[int, int, int], duration: float, rng: np.random.Generator) -> Walkers:
         """counts: people at once, people in all, rovers."""
         at_once, people, rovers = counts
         out = Walkers(around, habits, people, rovers, rng)
-        out.enter[at_once:people] = np.sort(rng.uniform(0.0, duration, people - at_once))
-        leavers = rng.permutation(people)[: max(0, people - at_once)]
+        # Those who cross leave during the warm-up, too, and others come in their place.
+        first = -WARM_UP if habits.crossing > 0 else 0.0
+        out.enter[at_once:people] = np.sort(rng.uniform(first, duration, people - at_once))
+        if habits.crossing > 0:
+            out.crosses[:people] = (rng.random(people) < habits.crossing) | (np.arange(people) >= at_once)
+        leavers = rng.permutation(people)[: max(0, people - at_once) if habits.crossing == 0 else 0]
         out.leave[leavers] = np.maximum(rng.uniform(0.0, duration, len(leavers)), out.enter[leavers] + 5.0)
         here = np.concatenate([np.arange(at_once), np.arange(people, people + rovers)])
         points = around.free.points(around.free.clearance > 0)
         out.place[here] = points[rng.integers(len(points), size=len(here))]
-        out.present[here] = True
+        out.present[here], out.most = True, max(MOST_PEOPLE, at_once)
         for k in here.tolist():
             out.choose(k)
         return out
@@ -205,6 +215,9 @@ class Walkers:
         self._leave_group(k)
         self.sits[k] = self.next_sits[k] = False
         self.stuck[k] = 0.0
+        if self.crosses[k]:
+            self._exit(k)
+            return
         kind = rng.random() if k < self.people else 1.0
         if kind < h.sitting and len(self.around.seats):
             seat = int(rng.integers(len(self.around.seats)))
@@ -254,7 +267,7 @@ class Walkers:
             goal = goal + 0.2 * self.around.free.away_at(goal[None])[0]
         if self.around.free.clearance_at(goal[None])[0] <= 0:
             goal, spot = self.around.spots[0].copy(), 0
-        near = int(np.argmin(np.linalg.norm(self.around.spots - goal, axis=1))) if spot is None else spot
+        near = int(np.argmin(np.linalg.norm(self.targets - goal, axis=1))) if spot is None else spot
         self.goal[k], self.target[k], self.next_wait[k], self.wait[k] = goal, near, wait, 0.0
 
     def step(self, time: float, dt: float) -> None:
@@ -284,13 +297,13 @@ class Walkers:
     def _directions(self, here: Ints, away: Array, distance: Array) -> Array:
         out = away / np.maximum(distance, 1e-9)[:, None]
         far = distance > DIRECT
-        for spot in np.unique(self.target[here[far]]).tolist():
-            rows = np.flatnonzero(far & (self.target[here] == spot))
-            if spot not in self.fields:
-                self.fields[spot] = self.around.free.distance_to(self.around.spots[spot])
-            way = self.around.free.direction_at(self.fields[spot], self.place[here[rows]])
-            spot_near = np.linalg.norm(self.around.spots[spot] - self.place[here[rows]], axis=1) < DIRECT
-            out[rows] = np.where((np.abs(way).sum(axis=1) > 0)[:, None] & ~spot_near[:, None], way, out[rows])
+        for target in np.unique(self.target[here[far]]).tolist():
+            rows = np.flatnonzero(far & (self.target[here] == target))
+            if target not in self.fields:
+                self.fields[target] = self.around.free.distance_to(self.targets[target])
+            way = self.around.free.direction_at(self.fields[target], self.place[here[rows]])
+            near = np.linalg.norm(self.targets[target] - self.place[here[rows]], axis=1) < DIRECT
+            out[rows] = np.where((np.abs(way).sum(axis=1) > 0)[:, None] & ~near[:, None], way, out[rows])
         return out
 
     def _inside(self, moved: Array, before: Array) -> Array:
@@ -307,7 +320,8 @@ class Walkers:
         slow = np.linalg.norm(self.velocity[here], axis=1) < 0.2 * self.speed[here]
         self.stuck[here] = np.where(slow & ~stands, self.stuck[here] + dt, 0.0)
         distance = np.linalg.norm(self.goal[here] - self.place[here], axis=1)
-        for k in here[~stands & ((distance < ARRIVED) | (self.stuck[here] > PATIENCE))].tolist():
+        arrived = distance < np.where(self.leaving[here], LEFT, ARRIVED)
+        for k in here[~stands & (arrived | (self.stuck[here] > PATIENCE))].tolist():
             if self.leaving[k]:
                 self.present[k] = self.stuck[k] > PATIENCE
                 if self.present[k]:
@@ -319,7 +333,8 @@ class Walkers:
                 self.sits[k] = self.next_sits[k]
 
     def _come_and_go(self, time: float) -> None:
-        for k in np.flatnonzero(~self.present & (self.enter <= time) & np.isfinite(self.enter)).tolist():
+        room = max(0, self.most - int(self.present[: self.people].sum()))
+        for k in np.flatnonzero(~self.present & (self.enter <= time) & np.isfinite(self.enter))[:room].tolist():
             self.enter[k], self.present[k] = np.inf, True
             door = self.around.doors[int(self.rng.integers(len(self.around.doors)))]
             self.place[k], self.velocity[k] = door + self.rng.normal(0.0, 0.05, 2), 0.0
@@ -330,7 +345,11 @@ class Walkers:
     def _exit(self, k: int) -> None:
         self._leave_group(k)
         self.leaving[k], self.sits[k], self.next_sits[k], self.wait[k], self.stuck[k] = True, False, False, 0.0, 0.0
-        self._go(k, self.around.doors[int(self.rng.integers(len(self.around.doors)))], None, 0.0)
+        doors = self.around.doors
+        if self.crosses[k]:
+            far = np.linalg.norm(doors - self.place[k], axis=1)
+            doors = doors[far >= np.median(far)]
+        self._go(k, doors[int(self.rng.integers(len(doors)))], None, 0.0)
 
 
 def apart(place: Array) -> Array:
