@@ -174,14 +174,14 @@ class Calibrate:
         with new_folder(folder) as part:
             write_recording(part, whole)
             write_text(part / "calibrated.json", json_text(found.to_json(), indent=1) + "\n")
-        paths = tuple(place for _, place in found.paths.values())
+        paths, shown = tuple(place for _, place in found.paths.values()), whole.choose(list(found.cameras))
         if self.picture is not None:
-            _draw(whole, self.picture, paths)
+            _draw(shown, self.picture, paths)
         if self.page is not None:
             from sim.report.calibration_page import write_calibration_page
 
             placed = all("pose" not in camera.unknown for camera in recording.fixed.values())
-            pictures = ({"Before": _drawn(recording, ())} if placed else {}) | {"After": _drawn(whole, paths)}
+            pictures = ({"Before": _drawn(recording, ())} if placed else {}) | {"After": _drawn(shown, paths)}
             command = command_line(self, ("picture", "page", "json"), repeated=("height", "distance", "pixel_aspect", "detections"))
             write_calibration_page(self.page, found, pictures, command)
         if self.json:

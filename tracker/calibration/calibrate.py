@@ -19,25 +19,25 @@ from tracker.calibration.body import CX, CY, FOCAL, HEIGHT, K1, MEAN_STATURE, OF
 from tracker.calibration.boxes import linked_boxes
 from tracker.calibration.people import MOST, observations
 from tracker.calibration.refinement import changes, moved_cameras, refine, unswapped
-from tracker.calibration.registration import FAR_ERROR, CameraBoxes, Cloud, Match, match, paths_of, seen_alike, steps_of
+from tracker.calibration.registration import CameraBoxes, Match, in_view, match, paths_of, steps_of
 from tracker.calibration.result import Calibration, Known
 from tracker.calibration.single_view import LEAST_BOXES, ROLL_SIGMA, STATURE, USUAL_FOCAL, USUAL_HEIGHT, SingleView, single_view
+from tracker.calibration.tracklet_pairs import CLEARLY, Evidence, Paths, evidence
 from tracker.geometry import Array, Pose
 from tracker.geometry.cameras import LensCamera, Pinhole
 from tracker.recordings import Recording, RecordingCamera
 
-LEAST_SHARE, LEAST_SCORE = 0.25, 12.0
-"""Share and number (above chance) of a camera's places that agree with other cameras. With less, the views count as not overlapping."""
 MOST_SIGMA = {FOCAL: 0.1, PITCH: np.radians(2.0), ROLL: np.radians(2.0), YAW: np.radians(2.0)}
 """Standard deviations above which a parameter counts as not known."""
 MOST_PLACE = 0.12
 """The same for the camera's position, as a share of the median distance of people."""
 TRIED = 3
 """Candidate placements of a camera that are adjusted; the one that agrees best afterwards is kept."""
-LEAST_SEEN, CONTRADICTION = 100, 0.15
-"""Least places of people in the overlap of two cameras, and the share of agreement below which they contradict each other."""
-MOST_EDGE, WITHIN = 0.1, 2.0
-"""Largest plausible error of a box's edge, a share of its height. Standard deviations within which places of one person agree."""
+LEAST_SEEN, CONTRADICTION, MOST_PAIRED = 100, 1.2, 0.5
+"""Bounds for cameras that contradict each other: least places of people in the overlap, and largest evidence over that of chance.
+The third is the largest share of these places in pairs. People who stand still are paired, but their evidence is that of chance."""
+MOST_EDGE = 0.1
+"""Largest plausible error of a box's edge, a share of its height."""
 LINE = 0.06
 """Ratio of breadth to length of the area where people walk, below which they walk on a line."""
 TIGHT = 0.6
@@ -73,7 +73,7 @@ class _Calibrator:
         self.recording, self.known, self.problems = recording, known, list[str]()
         self.views: dict[str, CameraBoxes] = {}
         self.rows: dict[str, Array] = {}
-        self.clouds: dict[tuple[str, float], tuple[Array, Cloud]] = {}
+        self.walked: dict[str, tuple[Array, Paths]] = {}
         fixed = {name: camera for name, camera in recording.fixed.items() if recording.detections.get(name)}
         if not fixed:
             raise ValueError("no fixed camera has boxes, needs detections/CAMERA.txt; `pilsim detect` finds them in images")
@@ -171,21 +171,18 @@ class _Calibrator:
             for name, edge in worst.items()
             if edge > MOST_EDGE
         ]
-        far = WITHIN * float(np.max(adjusted.edges[:, 2] * STATURE / np.exp(adjusted.rows[:, HEIGHT]), initial=0.0))
         for a, b in combinations(self.rows, 2):
-            clouds = {name: self._cloud(name, self.rows[name], min(far / FAR_ERROR, 1.0)) for name in (a, b)}
-            both = [seen_alike(self.views[one], self.rows[one], clouds[one], clouds[other]) for one, other in ((a, b), (b, a))]
-            # Missed detections of one camera lower one of the two shares. A wrong calibration lowers both.
-            share = max(share for _, _, share in both)
-            if min(seen for seen, _, _ in both) >= LEAST_SEEN and share < CONTRADICTION:
-                out.append(f"{a} and {b} see the same ground, but only {max(share, 0.0):.0%} of the people there agree: one of them is wrong")
+            paths = {name: self._walked(name, self.rows[name]) for name in (a, b)}
+            seen = min(in_view(self.views[one], self.rows[one], paths[other]) for one, other in ((a, b), (b, a)))
+            shown = evidence(paths[a], paths[b], TIGHT)
+            if seen >= LEAST_SEEN and shown.ratio < CONTRADICTION * shown.chance and shown.steps < MOST_PAIRED * seen:
+                out.append(f"{a} and {b} see the same ground, but people walk there on different paths: one of them is wrong")
         return out
 
     def _forget_lost(self) -> None:
         """Discard the poses of cameras that agree with no other camera, if at least two others agree; they are estimated anew."""
-        agree = {name: self._share(name, None, 1.5)[1] for name in self.rows}
-        lost = [name for name in agree if agree[name] < LEAST_SHARE]
-        if len(agree) - len(lost) < 2:
+        lost = [name for name in self.rows if not self._evidence(name, None, 1.5).clear]
+        if len(self.rows) - len(lost) < 2:
             return
         for name in lost:
             camera = self.recording.cameras[name]
@@ -204,7 +201,7 @@ class _Calibrator:
 
     def _begin(self, matches: Mapping[tuple[str, str], list[Match]]) -> None:
         """Start the frame with the best match that agrees after adjustment, else with one camera: of the best match, or with the most boxes."""
-        found = [(one.value, pair, one) for pair, of_pair in matches.items() for one in of_pair if one.value > LEAST_SHARE * LEAST_SCORE]
+        found = [(one.value, pair, one) for pair, of_pair in matches.items() for one in of_pair]
         surest = sorted(found, key=lambda one: -one[0])[:TRIED]
         if not self._best_of([dict(zip(pair, one.rows, strict=True)) for _, pair, one in surest]):
             name = surest[0][1][0] if surest else max(self.views, key=lambda one: int(self.views[one].table.whole.sum()))
@@ -218,11 +215,9 @@ class _Calibrator:
             for (a, b), of_pair in matches.items():
                 if name in (a, b) and (other := b if name == a else a) in self.rows:
                     own, its = (0, 1) if name == a else (1, 0)
-                    candidates += [_moved(one.rows[own], one.rows[its], self.rows[other]) for one in of_pair[:3] if one.share > LEAST_SHARE / 2]
-            for row in candidates:
-                score, share = self._share(name, row, 1.0)
-                if share >= LEAST_SHARE and score >= LEAST_SCORE:
-                    found.append((score * share, name, row))
+                    candidates += [_moved(one.rows[own], one.rows[its], self.rows[other]) for one in of_pair[:3]]
+            gains = [self._evidence(name, row, 1.0).gain for row in candidates]
+            found += [(gain, name, row) for gain, row in zip(gains, candidates, strict=True) if gain > 0]
         while found:
             surest = sorted(found, key=lambda one: -one[0])[:TRIED]
             if self._best_of([{**self.rows, name: row} for _, name, row in surest]):
@@ -240,26 +235,27 @@ class _Calibrator:
         for frame in frames:
             self.rows = frame
             self._adjust(rough=True)
-            shares = [self._share(name) for name in self.rows]
-            if min(share for _, share in shares) >= LEAST_SHARE:
-                best = max(best, (shares[-1][0] * shares[-1][1], self.rows), key=lambda one: one[0])
+            found = [self._evidence(name) for name in self.rows]
+            if all(one.clear for one in found):
+                best = max(best, (found[-1].gain, self.rows), key=lambda one: one[0])
         self.rows = best[1]
         return best[0] > 0
 
-    def _share(self, name: str, row: Array | None = None, tight: float = TIGHT) -> tuple[float, float]:
-        """Agreement of a camera with the others in the frame (registration.agreement): sum of the scores, and the share of the highest one."""
-        cloud = self._cloud(name, self.rows[name] if row is None else row, tight)
-        others = [(other, its) for other, its in self.rows.items() if other != name]
-        found = [seen_alike(self.views[other], its, self._cloud(other, its, tight), cloud)[1:] for other, its in others]
-        return sum(max(score, 0.0) for score, _ in found), max(found, default=(0.0, 0.0))[1]
+    def _evidence(self, name: str, row: Array | None = None, tight: float = TIGHT) -> Evidence:
+        """The evidence that a camera sees the people whom the others in the frame see."""
+        own = self._walked(name, self.rows[name] if row is None else row)
+        out = Evidence()
+        for other, its in self.rows.items():
+            if other != name:
+                out = out.plus(evidence(self._walked(other, its), own, tight))
+        return out
 
-    def _cloud(self, name: str, row: Array, tight: float) -> Cloud:
-        """The places that a camera sees under its parameters `row`. The last result is cached."""
-        last, cloud = self.clouds.get((name, tight), (None, None))
-        if cloud is None or last is not row:
-            cloud = Cloud.of(paths_of(self.views[name], row, self.steps), tight)
-            self.clouds[name, tight] = row, cloud
-        return cloud
+    def _walked(self, name: str, row: Array) -> Paths:
+        """The paths that a camera sees under its parameters `row`. The last result is cached."""
+        last = self.walked.get(name)
+        if last is None or last[0] is not row:
+            last = self.walked[name] = row, paths_of(self.views[name], row, self.steps)
+        return last[1]
 
     def _prior(self, names: list[str]) -> Prior:
         mean, sigma, lens = np.zeros((len(names), 11)), np.full((len(names), 11), np.inf), np.zeros((len(names), 11))
@@ -305,12 +301,14 @@ class _Calibrator:
         return adjusted
 
     def _why_alone(self, name: str, matches: Mapping[tuple[str, str], list[Match]]) -> str:
-        best = max((one.share for pair, found in matches.items() if name in pair for one in found[:1]), default=None)
-        if best is None:
+        found = [one.evidence for pair, of_pair in matches.items() if name in pair for one in of_pair[:1]]
+        if not found:
             return f"{name}: nobody walks 1 m or more in sight of it and of another camera, which its place needs"
-        agree = f"{max(best, 0.0):.0%} of the people agree, needs {LEAST_SHARE:.0%}"
-        if best >= LEAST_SHARE:
-            agree = f"{best:.0%} of the people agree before the cameras are adjusted, too few after it"
+        best = max(found, key=lambda one: one.gain)
+        times = best.ratio / max(best.chance, 1.0)
+        agree = f"paths agree {times:.1f} times as well as by chance, needs {CLEARLY}"
+        if best.clear:
+            agree = f"paths agree {times:.1f} times as well as by chance before the cameras are adjusted, less after it"
         return f"{name}: sees too little of what other cameras see ({agree}), so its place is not known"
 
     def _result(self, adjusted: Adjusted | None, names: list[str]) -> Calibration:

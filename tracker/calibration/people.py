@@ -10,16 +10,11 @@ from itertools import combinations
 import numpy as np
 
 from tracker.calibration.boxes import extents, smoothed
-from tracker.calibration.registration import ERROR, FAR_ERROR, CameraBoxes, Paths, paths_of
+from tracker.calibration.registration import CameraBoxes, paths_of
 from tracker.calibration.single_view import thinned
+from tracker.calibration.tracklet_pairs import GroundMotion, Paths, TrackletPairs
 from tracker.geometry import Array, Ints, Mask
 
-LEAST_STEPS = 3
-"""Least common steps of two tracklets that are joined."""
-NEAR = 1.3
-"""Largest root mean square distance of two tracklets that are joined, in standard deviations of places."""
-LONGER = 0.15
-"""Discount on the distance of two tracklets for e times the common steps."""
 ALONE = 4.0
 """s: least duration of a tracklet that no other camera sees, to be used."""
 SPACING, MOST = 0.4, 7000
@@ -75,7 +70,7 @@ def _joined(paths: list[Paths], tight: float) -> list[Ints]:
     of_view = np.repeat(np.arange(len(paths)), np.diff(first))
     pairs: list[tuple[float, int, int]] = []
     for a, b in combinations(range(len(paths)), 2):
-        pairs += _near(paths[a], paths[b], tight, (int(first[a]), int(first[b])))
+        pairs += _likely(paths[a], paths[b], tight, (int(first[a]), int(first[b])))
     parent = np.arange(first[-1])
     here: dict[int, dict[int, Mask]] = {k: {int(of_view[k]): paths[of_view[k]].here[k - first[of_view[k]]] > 0} for k in range(int(first[-1]))}
 
@@ -95,16 +90,10 @@ def _joined(paths: list[Paths], tight: float) -> list[Ints]:
     return [roots[low:high] for low, high in zip(first[:-1].tolist(), first[1:].tolist(), strict=True)]
 
 
-def _near(a: Paths, b: Paths, tight: float, first: tuple[int, int]) -> list[tuple[float, int, int]]:
-    """Pairs of tracklets of two views on one path: distance in standard deviations less a discount for length, and their numbers."""
+def _likely(a: Paths, b: Paths, tight: float, first: tuple[int, int]) -> list[tuple[float, int, int]]:
+    """Pairs of tracklets of two views that are likelier one person than two: negative log-likelihood ratio, and their numbers."""
     if not len(a.z) or not len(b.z):
         return []
-    n = a.here @ b.here.T
-    safe = np.maximum(n, 1.0)
-    square = (np.abs(a.z) ** 2) @ b.here.T + a.here @ (np.abs(b.z) ** 2).T - 2 * (a.z @ np.conj(b.z).T).real
-    away = (a.range * a.here) @ b.here.T / safe, a.here @ (b.range * b.here).T / safe
-    error = (ERROR + FAR_ERROR * away[0]) ** 2 + (ERROR + FAR_ERROR * away[1]) ** 2
-    distance = np.sqrt(np.maximum(square, 0.0) / safe / error) / tight
-    rows, columns = np.nonzero((n >= LEAST_STEPS) & (distance < NEAR))
-    cost = distance[rows, columns] - LONGER * np.log(n[rows, columns])
-    return [(float(c), first[0] + i, first[1] + j) for c, i, j in zip(cost, rows.tolist(), columns.tolist(), strict=True)]
+    ratio = TrackletPairs(a, b, tight).log_ratio(GroundMotion())
+    rows, columns = np.nonzero(ratio > 0)
+    return [(-float(r), first[0] + i, first[1] + j) for r, i, j in zip(ratio[rows, columns], rows.tolist(), columns.tolist(), strict=True)]
