@@ -19,7 +19,7 @@ from tracker.calibration.body import CX, CY, FOCAL, HEIGHT, K1, MEAN_STATURE, OF
 from tracker.calibration.boxes import linked_boxes
 from tracker.calibration.people import MOST, observations
 from tracker.calibration.refinement import changes, moved_cameras, refine, unswapped
-from tracker.calibration.registration import CameraBoxes, Match, in_view, match, paths_of, steps_of
+from tracker.calibration.registration import CameraBoxes, Match, in_view, match, paths_of, placements, steps_of
 from tracker.calibration.result import Calibration, Known
 from tracker.calibration.single_view import LEAST_BOXES, ROLL_SIGMA, STATURE, USUAL_FOCAL, USUAL_HEIGHT, SingleView, single_view
 from tracker.calibration.tracklet_pairs import CLEARLY, Evidence, Paths, evidence
@@ -122,7 +122,7 @@ class _Calibrator:
         if not self.rows:
             self._begin(matches)
         while left := [name for name in self.views if name not in self.rows]:
-            if not self._join(left, matches):
+            if not self._join(left):
                 break
         for name in left:
             self.problems.append(self._why_alone(name, matches))
@@ -201,23 +201,17 @@ class _Calibrator:
 
     def _begin(self, matches: Mapping[tuple[str, str], list[Match]]) -> None:
         """Start the frame with the best match that agrees after adjustment, else with one camera: of the best match, or with the most boxes."""
-        found = [(one.value, pair, one) for pair, of_pair in matches.items() for one in of_pair]
+        found = [(one.evidence.gain, pair, one) for pair, of_pair in matches.items() for one in of_pair[:TRIED]]
         surest = sorted(found, key=lambda one: -one[0])[:TRIED]
         if not self._best_of([dict(zip(pair, one.rows, strict=True)) for _, pair, one in surest]):
             name = surest[0][1][0] if surest else max(self.views, key=lambda one: int(self.views[one].table.whole.sum()))
             self.rows = {name: self.views[name].single.row.copy()}
 
-    def _join(self, left: list[str], matches: Mapping[tuple[str, str], list[Match]]) -> bool:
+    def _join(self, left: list[str]) -> bool:
         """Add the camera that agrees best with those in the frame; False if none agrees."""
-        found: list[tuple[float, str, Array]] = []
-        for name in left:
-            candidates = []
-            for (a, b), of_pair in matches.items():
-                if name in (a, b) and (other := b if name == a else a) in self.rows:
-                    own, its = (0, 1) if name == a else (1, 0)
-                    candidates += [_moved(one.rows[own], one.rows[its], self.rows[other]) for one in of_pair[:3]]
-            gains = [self._evidence(name, row, 1.0).gain for row in candidates]
-            found += [(gain, name, row) for gain, row in zip(gains, candidates, strict=True) if gain > 0]
+        known = Paths.joined([self._walked(name, row) for name, row in self.rows.items()])
+        candidates = [(name, row) for name in left for row in placements(known, self.views[name], self.steps)]
+        found = [(self._evidence(name, row, 1.0).gain, name, row) for name, row in candidates]
         while found:
             surest = sorted(found, key=lambda one: -one[0])[:TRIED]
             if self._best_of([{**self.rows, name: row} for _, name, row in surest]):
@@ -309,6 +303,8 @@ class _Calibrator:
         agree = f"paths agree {times:.1f} times as well as by chance, needs {CLEARLY}"
         if best.clear:
             agree = f"paths agree {times:.1f} times as well as by chance before the cameras are adjusted, less after it"
+        elif times >= CLEARLY:
+            agree = "too few people walk in sight of both"
         return f"{name}: sees too little of what other cameras see ({agree}), so its place is not known"
 
     def _result(self, adjusted: Adjusted | None, names: list[str]) -> Calibration:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -52,14 +53,20 @@ class CameraBoxes:
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """Two cameras in the frame of the first. rows: parameters of both. evidence: that they see the same people.
+    """Two cameras in the frame of the first. rows: parameters of both. known, own: paths that the two see, in this frame.
 
     value: rank of the match; less for focal lengths that are less likely, and where few of the people in view of both are paired.
     """
 
     rows: tuple[Array, Array]
-    evidence: Evidence
     value: float
+    known: Paths
+    own: Paths
+
+    @cached_property
+    def evidence(self) -> Evidence:
+        """That both cameras see the same people."""
+        return evidence(self.known, self.own)
 
 
 def steps_of(views: Iterable[CameraBoxes]) -> int:
@@ -147,28 +154,11 @@ def in_view(view: CameraBoxes, row: Array, other: Paths) -> int:
     return int(visible(view, row, other.points).sum())
 
 
-@dataclass(frozen=True, eq=False)
-class _Side:
-    """A camera under parameters `row` (11,), with their loss of log density against the likeliest ones, and its paths."""
-
-    view: CameraBoxes
-    row: Array
-    loss: float
-    paths: Paths
-
-    def matches(self, other: _Side) -> list[tuple[float, GroundMotion]]:
-        """The likeliest motions of the other camera, with their ranks before chance is known."""
-        longest, pairs = TrackletPairs(_longest(self.paths), _longest(other.paths)), TrackletPairs(self.paths, other.paths)
-        out = []
-        for motion in sorted(guesses(longest, round(MOST_OFFSET / STEP)), key=lambda motion: -longest.bound(motion))[:KEPT]:
-            ratio, steps = pairs.likelihood(motion)
-            out.append((self.rank(other, motion, ratio, steps), motion))
-        return out
-
-    def rank(self, other: _Side, motion: GroundMotion, gain: float, steps: float) -> float:
-        """Rank of a motion by its log-likelihood ratio, and by the share `steps` of the places in view of this camera."""
-        seen = in_view(self.view, self.row, other.paths.placed(motion))
-        return (gain - self.loss - other.loss) * float(np.sqrt(min(steps / max(seen, 1), 1.0)))
+def likeliest(known: Paths, own: Paths) -> list[tuple[float, float, GroundMotion]]:
+    """The likeliest motions of a camera's paths onto known paths: log-likelihood ratio, common steps of the pairs, motion."""
+    longest, pairs = TrackletPairs(_longest(known), _longest(own)), TrackletPairs(known, own)
+    found = sorted(guesses(longest, round(MOST_OFFSET / STEP)), key=lambda motion: -longest.bound(motion))[:KEPT]
+    return [(*pairs.likelihood(motion), motion) for motion in found]
 
 
 def match(a: CameraBoxes, b: CameraBoxes, steps: int) -> list[Match]:
@@ -176,13 +166,23 @@ def match(a: CameraBoxes, b: CameraBoxes, steps: int) -> list[Match]:
 
     An uncertain focal length stretches the ground plane, so all pairs of the likely ones are tried.
     """
-    sides = [[_Side(view, row, loss, paths_of(view, row, steps)) for row, loss in view.single.tried] for view in (a, b)]
-    found = [(value, one, other, motion) for one, other in product(*sides) for value, motion in one.matches(other)]
+    sides = [[(row, loss, paths_of(view, row, steps)) for row, loss in view.single.tried] for view in (a, b)]
     out = []
-    for _, one, other, motion in _distinct(sorted(found, key=lambda entry: -entry[0]), REFINED):
-        shown = evidence(one.paths, other.paths.placed(motion))
-        out.append(Match((one.row, _placed(other.row, motion)), shown, one.rank(other, motion, shown.gain, shown.steps)))
-    return sorted(out, key=lambda one: -one.value)
+    for (row, loss, known), (other, its_loss, own) in product(*sides):
+        for ratio, common, motion in likeliest(known, own):
+            placed = own.placed(motion)
+            share = min(common / max(in_view(a, row, placed), 1), 1.0)
+            out.append(Match((row, _placed(other, motion)), (ratio - loss - its_loss) * float(np.sqrt(share)), known, placed))
+    return _distinct(out)
+
+
+def placements(known: Paths, view: CameraBoxes, steps: int) -> list[Array]:
+    """The likeliest parameters (11,) of a camera in whose view people walk the known paths."""
+    out = []
+    for row, loss in view.single.tried:
+        own = paths_of(view, row, steps)
+        out += [Match((row, _placed(row, motion)), ratio - loss, known, own.placed(motion)) for ratio, _, motion in likeliest(known, own)]
+    return [one.rows[1] for one in _distinct(out)]
 
 
 def _placed(row: Array, guess: GroundMotion) -> Array:
@@ -192,16 +192,14 @@ def _placed(row: Array, guess: GroundMotion) -> Array:
     return out
 
 
-def _distinct(found: list[tuple[float, _Side, _Side, GroundMotion]], most: int) -> list[tuple[float, _Side, _Side, GroundMotion]]:
-    """The first `most` that place the second camera differently; of similar ones, the first."""
-    out: list[tuple[float, _Side, _Side, GroundMotion]] = []
-    rows: list[Array] = []
-    for entry in found:
-        row = _placed(entry[2].row, entry[3])
-        near = [np.hypot(*(row - other)[[X, Y]]) < 1.0 and abs(np.angle(np.exp(1j * (row - other)[YAW]))) < 0.25 for other in rows]
+def _distinct(found: list[Match]) -> list[Match]:
+    """The REFINED best of those that place the second camera differently."""
+    out: list[Match] = []
+    for one in sorted(found, key=lambda one: -one.value):
+        row = one.rows[1]
+        near = [np.hypot(*(row - other.rows[1])[[X, Y]]) < 1.0 and abs(np.angle(np.exp(1j * (row - other.rows[1])[YAW]))) < 0.25 for other in out]
         if not any(near):
-            out.append(entry)
-            rows.append(row)
-        if len(out) == most:
+            out.append(one)
+        if len(out) == REFINED:
             break
     return out

@@ -6,6 +6,7 @@ So paths of walking people weigh much more than places, which in a crowd agree b
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
@@ -71,6 +72,11 @@ class Paths:
         here = moved(self.here, motion.steps)
         z = np.asarray((motion.turn * moved(self.z, motion.steps) + motion.shift) * here, dtype=np.complex128)
         return Paths(z, here, moved(self.range, motion.steps), self.track)
+
+    @staticmethod
+    def joined(parts: Sequence[Paths]) -> Paths:
+        """The tracklets of several cameras in one frame."""
+        return Paths(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("z", "here", "range", "track")))
 
     @property
     def points(self) -> Array:
