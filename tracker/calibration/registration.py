@@ -112,17 +112,15 @@ def guesses(pairs: TrackletPairs, most: int) -> list[GroundMotion]:
     if not len(pairs.a.z) or not len(pairs.b.z):
         return []
     for steps in range(-most, most + 1):
-        sums = pairs.moments(steps)
-        n, (va, vb) = np.maximum(sums.n, 1.0), (spread * np.maximum(sums.n, 1.0) for spread in sums.spread)
-        cross = sums.product - sums.a * np.conj(sums.b) / n
-        error = np.maximum(va + vb - 2 * np.abs(cross), 0.0) / n
-        ok = sums.n >= max(LEAST_STEPS, LEAST_TIME / STEP)
-        value = np.where(ok, np.sqrt(n) * np.log1p(np.minimum(va, vb) / n / (error + ERROR**2)), 0.0)
+        m = pairs.moments(steps)
+        error = np.maximum(m.spread_a + m.spread_b - 2 * np.abs(m.cross), 0.0)
+        ok = m.n >= max(LEAST_STEPS, LEAST_TIME / STEP)
+        value = np.where(ok, np.sqrt(m.n) * np.log1p(np.minimum(m.spread_a, m.spread_b) / (error + ERROR**2)), 0.0)
         best = np.argpartition(value, -min(PAIRS, value.size), axis=None)[-PAIRS:]
         for i, j in zip(*np.unravel_index(best, value.shape), strict=True):
             if value[i, j] > 0:
-                turn = complex(cross[i, j] / max(abs(cross[i, j]), 1e-9))
-                out.append((float(value[i, j]), GroundMotion(turn, complex((sums.a[i, j] - turn * sums.b[i, j]) / n[i, j]), steps)))
+                turn = complex(m.cross[i, j] / max(abs(m.cross[i, j]), 1e-9))
+                out.append((float(value[i, j]), GroundMotion(turn, complex(m.mean_a[i, j] - turn * m.mean_b[i, j]), steps)))
     return [motion for _, motion in sorted(out, key=lambda one: -one[0])[:TRIED]]
 
 

@@ -38,8 +38,8 @@ CLEARLY, LEAST_GAIN = 2.0, 10.0
 class GroundMotion(NamedTuple):
     """A motion of the second camera's plane onto the first's: z → turn · z + shift (complex), after its time is moved on by `steps`."""
 
-    turn: complex = 1.0
-    shift: complex = 0.0
+    turn: complex = 1.0 + 0.0j
+    shift: complex = 0.0j
     steps: int = 0
 
 
@@ -105,21 +105,21 @@ class Paths:
 
 
 class Moments(NamedTuple):
-    """Sums over the common steps of each pair (tracklets, tracklets): number, za, zb, |za|², |zb|², za conj(zb)."""
+    """Of each pair (tracklets, tracklets), over its common steps: their number, means of za and zb, mean squared distances from them, covariance.
+
+    The log-likelihood ratio of one person against two is constant − of_far · d² − of_varies · v. Here d is the distance of the means and v the
+    variance of the displacement.
+    """
 
     n: Array
-    a: Complexes
-    b: Complexes
-    square_a: Array
-    square_b: Array
-    product: Complexes
-
-    @property
-    def spread(self) -> tuple[Array, Array]:
-        """Mean squared distances, m², of the places of both tracklets from their means."""
-        n = np.maximum(self.n, 1.0)
-        one, two = self.square_a / n - np.abs(self.a / n) ** 2, self.square_b / n - np.abs(self.b / n) ** 2
-        return np.maximum(one, 0.0), np.maximum(two, 0.0)
+    mean_a: Complexes
+    mean_b: Complexes
+    spread_a: Array
+    spread_b: Array
+    cross: Complexes
+    constant: Array
+    of_far: Array
+    of_varies: Array
 
 
 class Evidence(NamedTuple):
@@ -159,34 +159,31 @@ class TrackletPairs:
         self._other = np.log(b.people / a.area)
 
     def moments(self, steps: int) -> Moments:
-        """The sums after the second camera's time is moved on by `steps`."""
+        """The moments after the second camera's time is moved on by `steps`."""
         if steps not in self._moments:
             a, mask, b, late = self.a.z, self.a.here, moved(self.b.z, steps), moved(self.b.here, steps)
-            flat = np.vstack([a.real, a.imag]) @ late.T
-            other = mask @ np.vstack([b.real, b.imag]).T
-            sum_a, sum_b = (one + 1j * two for one, two in (np.split(flat, 2), np.split(other, 2, axis=1)))
-            squares = (np.abs(a) ** 2) @ late.T, mask @ (np.abs(b) ** 2).T
-            self._moments[steps] = Moments(mask @ late.T, sum_a, sum_b, *squares, a @ np.conj(b).T)
+            number = mask @ late.T
+            n = np.maximum(number, 1.0)
+            mean_a, mean_b = a @ late.T.astype(np.complex128) / n, mask.astype(np.complex128) @ b.T / n
+            spread_a = np.maximum((np.abs(a) ** 2) @ late.T / n - np.abs(mean_a) ** 2, 0.0)
+            spread_b = np.maximum(mask @ (np.abs(b) ** 2).T / n - np.abs(mean_b) ** 2, 0.0)
+            cross = a @ np.conj(b).T / n - mean_a * np.conj(mean_b)
+            jitter = JITTER**2 + STRETCH**2 * (spread_a + spread_b) / 4
+            alone = jitter + (spread_a + spread_b) / 2
+            independent = number * STEP / INDEPENDENT
+            error = self._error + jitter / np.maximum(independent, 1.0)
+            constant = np.maximum(independent - 1.0, 0.0) * np.log(alone / jitter) - np.log(2 * np.pi * error) - self._other
+            constant[number < LEAST_STEPS] = -np.inf
+            of_varies = independent * (1 / jitter - 1 / alone) / 2
+            self._moments[steps] = Moments(number, mean_a, mean_b, spread_a, spread_b, cross, constant, 1 / (2 * error), of_varies)
         return self._moments[steps]
 
     def log_ratio(self, motion: GroundMotion) -> Array:
         """Log-likelihood ratio (tracklets, tracklets) of one person against two; −inf with fewer than LEAST_STEPS common steps."""
-        sums, (turn, shift, _) = self.moments(motion.steps), motion
-        n = np.maximum(sums.n, 1.0)
-        apart = sums.a - turn * sums.b - sums.n * shift
-        crossed = np.conj(turn) * sums.product + np.conj(shift) * sums.a - np.conj(shift) * turn * sums.b
-        square = sums.square_a + sums.square_b + sums.n * abs(shift) ** 2 - 2 * np.real(crossed)
-        far = np.abs(apart / n) ** 2
-        varies = np.maximum(square / n - far, 0.0)
-        extent = sum(sums.spread)
-        jitter = JITTER**2 + STRETCH**2 * extent / 4
-        alone = jitter + extent / 2
-        independent = sums.n * STEP / INDEPENDENT
-        free = np.maximum(independent - 1.0, 0.0)
-        error = self._error + jitter / np.maximum(independent, 1.0)
-        one = -np.log(2 * np.pi * error) - far / (2 * error) - free * np.log(jitter) - independent * varies / (2 * jitter)
-        two = self._other - free * np.log(alone) - independent * varies / (2 * alone)
-        return np.where(sums.n >= LEAST_STEPS, one - two, -np.inf)
+        m = self.moments(motion.steps)
+        apart = m.mean_a - motion.turn * m.mean_b - motion.shift
+        varies = np.maximum(m.spread_a + m.spread_b - 2 * (m.cross.real * motion.turn.real + m.cross.imag * motion.turn.imag), 0.0)
+        return np.asarray(m.constant - m.of_far * (apart.real**2 + apart.imag**2) - m.of_varies * varies)
 
     def bound(self, motion: GroundMotion) -> float:
         """Upper bound of `likelihood`: the tracklets of one camera may share those of the other."""
