@@ -15,7 +15,25 @@ from typing import Any
 import numpy as np
 
 from tracker.calibration.adjustment import GLOBAL_PRIOR, ROUNDS, Adjusted, Prior, adjust
-from tracker.calibration.body import CX, CY, FOCAL, HEIGHT, K1, MEAN_STATURE, OFFSET, PITCH, ROLL, YAW, X, Y, angles_of, corner_of, lens_of, pose_of
+from tracker.calibration.body import (
+    CX,
+    CY,
+    FOCAL,
+    HEIGHT,
+    K1,
+    MEAN_STATURE,
+    OF_BOXES,
+    OFFSET,
+    PITCH,
+    ROLL,
+    YAW,
+    X,
+    Y,
+    angles_of,
+    corner_of,
+    lens_of,
+    pose_of,
+)
 from tracker.calibration.boxes import linked_boxes
 from tracker.calibration.people import MOST, observations
 from tracker.calibration.refinement import changes, moved_cameras, refine, unswapped
@@ -36,8 +54,8 @@ TRIED = 3
 LEAST_SEEN, CONTRADICTION, MOST_PAIRED = 100, 1.2, 0.5
 """Bounds for cameras that contradict each other: least places of people in the overlap, and largest evidence over that of chance.
 The third is the largest share of these places in pairs. People who stand still are paired, but their evidence is that of chance."""
-MOST_EDGE = 0.1
-"""Largest plausible error of a box's edge, a share of its height."""
+MOST_EDGE, MOST_MISFIT = 0.1, 5.0
+"""Largest plausible error of a box's edge, a share of its height, and of a parameter of all bodies, in standard deviations of its prior."""
 LINE = 0.06
 """Ratio of breadth to length of the area where people walk, below which they walk on a line."""
 TIGHT = 0.6
@@ -171,6 +189,11 @@ class _Calibrator:
             for name, edge in worst.items()
             if edge > MOST_EDGE
         ]
+        # Ground that is not level and bent lenses are compensated by bodies that do not exist.
+        misfit = float(np.abs((adjusted.body - GLOBAL_PRIOR[:, 0]) / GLOBAL_PRIOR[:, 1])[list(OF_BOXES)].max())
+        if misfit > MOST_MISFIT and not self.known.refine:
+            odd = f"boxes fit no upright bodies on level ground ({misfit:.0f} standard deviations off, needs {MOST_MISFIT:.0f})"
+            out.append(f"{odd}: the ground rises, people do not stand, or a lens bends lines; --k1 and --from intrinsics may help")
         for a, b in combinations(self.rows, 2):
             paths = {name: self._walked(name, self.rows[name]) for name in (a, b)}
             seen = min(in_view(self.views[one], self.rows[one], paths[other]) for one, other in ((a, b), (b, a)))
@@ -211,7 +234,7 @@ class _Calibrator:
         """Add the camera that agrees best with those in the frame; False if none agrees."""
         known = Paths.joined([self._walked(name, row) for name, row in self.rows.items()])
         candidates = [(name, row) for name in left for row in placements(known, self.views[name], self.steps)]
-        found = [(self._evidence(name, row, 1.0).gain, name, row) for name, row in candidates]
+        found = [(gain, name, row) for name, row in candidates if (gain := self._evidence(name, row, 1.0).gain) > 0]
         while found:
             surest = sorted(found, key=lambda one: -one[0])[:TRIED]
             if self._best_of([{**self.rows, name: row} for _, name, row in surest]):

@@ -16,7 +16,7 @@ import numpy as np
 from tracker.calibration.body import OFFSET, YAW, X, Y, boxes_of, ground_places
 from tracker.calibration.boxes import LinkedBoxes, smoothed
 from tracker.calibration.single_view import STATURE, SingleView
-from tracker.calibration.tracklet_pairs import ERROR, STEP, Evidence, GroundMotion, Paths, TrackletPairs, evidence
+from tracker.calibration.tracklet_pairs import ERROR, MOST, STEP, Evidence, GroundMotion, Paths, TrackletPairs, evidence
 from tracker.geometry import Array, Mask
 from tracker.geometry.cameras import Camera
 
@@ -53,7 +53,7 @@ class CameraBoxes:
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """Two cameras in the frame of the first. rows: parameters of both. known, own: paths that the two see, in this frame.
+    """Two cameras in the frame of the first. rows: parameters of both. known, own: paths that the two see. motion: of `own` into the first's frame.
 
     value: rank of the match; less for focal lengths that are less likely, and where few of the people in view of both are paired.
     """
@@ -62,11 +62,12 @@ class Match:
     value: float
     known: Paths
     own: Paths
+    motion: GroundMotion
 
     @cached_property
     def evidence(self) -> Evidence:
         """That both cameras see the same people."""
-        return evidence(self.known, self.own)
+        return evidence(self.known, self.own.placed(self.motion))
 
 
 def steps_of(views: Iterable[CameraBoxes]) -> int:
@@ -124,11 +125,10 @@ def guesses(pairs: TrackletPairs, most: int) -> list[GroundMotion]:
     return [motion for _, motion in sorted(out, key=lambda one: -one[0])[:TRIED]]
 
 
-def _longest(paths: Paths) -> Paths:
+def _walkers(paths: Paths) -> Paths:
     """Tracklets for guesses of motions, at most LONGEST of them."""
-    steps = paths.here.sum(axis=1)
-    moving = np.flatnonzero((steps * STEP >= LEAST_TIME) & (_way(paths) >= LEAST_WAY))
-    return paths.select(np.sort(moving[np.argsort(-steps[moving], kind="stable")[:LONGEST]]))
+    moving = np.flatnonzero((paths.here.sum(axis=1) * STEP >= LEAST_TIME) & (_way(paths) >= LEAST_WAY))
+    return paths.select(moving).longest(LONGEST)
 
 
 def _way(paths: Paths) -> Array:
@@ -154,8 +154,8 @@ def in_view(view: CameraBoxes, row: Array, other: Paths) -> int:
 
 def likeliest(known: Paths, own: Paths) -> list[tuple[float, float, GroundMotion]]:
     """The likeliest motions of a camera's paths onto known paths: log-likelihood ratio, common steps of the pairs, motion."""
-    longest, pairs = TrackletPairs(_longest(known), _longest(own)), TrackletPairs(known, own)
-    found = sorted(guesses(longest, round(MOST_OFFSET / STEP)), key=lambda motion: -longest.bound(motion))[:KEPT]
+    walkers, pairs = TrackletPairs(_walkers(known), _walkers(own)), TrackletPairs(known.longest(MOST), own.longest(MOST))
+    found = sorted(guesses(walkers, round(MOST_OFFSET / STEP)), key=lambda motion: -walkers.bound(motion))[:KEPT]
     return [(*pairs.likelihood(motion), motion) for motion in found]
 
 
@@ -168,9 +168,9 @@ def match(a: CameraBoxes, b: CameraBoxes, steps: int) -> list[Match]:
     out = []
     for (row, loss, known), (other, its_loss, own) in product(*sides):
         for ratio, common, motion in likeliest(known, own):
-            placed = own.placed(motion)
-            share = min(common / max(in_view(a, row, placed), 1), 1.0)
-            out.append(Match((row, _placed(other, motion)), (ratio - loss - its_loss) * float(np.sqrt(share)), known, placed))
+            share = min(common / max(in_view(a, row, own.placed(motion)), 1), 1.0)
+            value = (ratio - loss - its_loss) * float(np.sqrt(share))
+            out.append(Match((row, _placed(other, motion)), value, known, own, motion))
     return _distinct(out)
 
 
@@ -179,7 +179,7 @@ def placements(known: Paths, view: CameraBoxes, steps: int) -> list[Array]:
     out = []
     for row, loss in view.single.tried:
         own = paths_of(view, row, steps)
-        out += [Match((row, _placed(row, motion)), ratio - loss, known, own.placed(motion)) for ratio, _, motion in likeliest(known, own)]
+        out += [Match((row, _placed(row, motion)), ratio - loss, known, own, motion) for ratio, _, motion in likeliest(known, own)]
     return [one.rows[1] for one in _distinct(out)]
 
 

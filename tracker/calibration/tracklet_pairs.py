@@ -29,6 +29,8 @@ LEAST_STEPS = 3
 """Least common steps of two tracklets that are compared."""
 LEAST_AREA = 4.0
 """m²: least area in which two people are independent."""
+MOST = 400
+"""Most tracklets of a camera by which motions are judged, those with the most steps, as memory grows with the number of pairs."""
 SHIFTS = (0.29, 0.53, 0.71)
 """Shifts of time, as shares of the duration, by which the evidence that arises by chance is estimated."""
 CLEARLY, LEAST_GAIN = 2.0, 10.0
@@ -58,6 +60,12 @@ class Paths:
     def select(self, rows: Ints) -> Paths:
         """The tracklets in `rows`."""
         return Paths(self.z[rows], self.here[rows], self.range[rows], self.track[rows])
+
+    def longest(self, most: int) -> Paths:
+        """At most `most` tracklets, those with the most steps."""
+        if len(self.track) <= most:
+            return self
+        return self.select(np.sort(np.argsort(-self.here.sum(axis=1), kind="stable")[:most]))
 
     def between(self, begin: int, end: int) -> Paths:
         """The steps from `begin` to before `end`."""
@@ -210,6 +218,7 @@ class TrackletPairs:
 
 def evidence(a: Paths, b: Paths, tight: float = 1.0) -> Evidence:
     """The evidence that two cameras see the same people, in one frame. tight: factor of the errors of places."""
+    a, b = a.longest(MOST), b.longest(MOST)
     used = np.flatnonzero(a.here.any(axis=0) | b.here.any(axis=0)) if len(a.z) and len(b.z) else np.zeros(0, dtype=np.int64)
     if not len(used):
         return Evidence()

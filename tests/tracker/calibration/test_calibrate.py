@@ -16,7 +16,8 @@ from tests.commands import pilsim
 from tests.tracker.calibration.blind_room import blind, late, place_errors, tilt_errors, walked_room
 from tests.tracker.recordings.walked_room import LENS
 from tracker.calibration import Known, calibrate
-from tracker.calibration.body import CX, CY, FOCAL, PITCH, ROLL
+from tracker.calibration.adjustment import GLOBAL_PRIOR
+from tracker.calibration.body import CX, CY, FOCAL, GLOBALS, PITCH, ROLL
 from tracker.calibration.calibrate import _Calibrator
 from tracker.geometry.cameras import Pinhole
 from tracker.recordings import Recording
@@ -67,6 +68,20 @@ def test_late_times_are_counted_from_the_first_box() -> None:
     start = _Calibrator(room, Known())
     assert (late_room.steps, late_room.begin, start.begin) == (start.steps, 3600.0, 0.0)
     np.testing.assert_allclose(late_room.views["C1"].table.time, start.views["C1"].table.time, atol=1e-9)
+
+
+def test_bodies_that_do_not_exist_are_told() -> None:
+    """Parameters of bodies far off their prior compensate ground that is not level, for example. A refinement keeps cameras as they are given."""
+    room = walked_room(frames=160)
+    for refine in (False, True):
+        calibrator = _Calibrator(room, Known(refine=refine))
+        adjusted = calibrator._adjust()
+        assert adjusted is not None
+        body = GLOBAL_PRIOR[:, 0].copy()
+        body[GLOBALS.index("head")] -= 6 * GLOBAL_PRIOR[GLOBALS.index("head"), 1]
+        told = [line for line in calibrator._contradictions(replace(adjusted, body=body)) if "6 standard deviations off" in line]
+        assert len(told) == (0 if refine else 1)
+        assert not any("standard deviations off" in line for line in calibrator._contradictions(replace(adjusted, body=GLOBAL_PRIOR[:, 0])))
 
 
 def test_lens_parameters_that_are_not_estimated_are_named(capsys: pytest.CaptureFixture[str]) -> None:
