@@ -17,9 +17,6 @@ from tracker.mht.global_hypothesis import GlobalHypothesis
 from tracker.mht.track_trees import TrackHypotheses
 from tracker.tracks.parameters import MhtParameters
 
-LEAVES_PER_PERSON = 2
-"""Leaves per person in the global hypothesis that are kept in any case, so that the number of people has no bound."""
-
 PATIENCE = 4
 """Revisits of the cameras for which a tentative track may be outside the global hypothesis."""
 
@@ -53,9 +50,8 @@ def surviving_leaves(leaves: TrackHypotheses, box: Ints, chosen: GlobalHypothesi
     keep &= (loss < q.max_loss) | ~leaves.confirmed
     if q.k_h > 1:
         keep &= chosen.hypotheses.any(axis=0) | ~leaves.confirmed
-    bound = max(q.max_leaves, LEAVES_PER_PERSON * len(chosen.best))
-    if keep.sum() > bound:
-        best = np.argsort(np.where(keep, loss, np.inf), kind="stable")[:bound]
+    if keep.sum() > q.max_leaves:
+        best = np.argsort(np.where(keep, loss, np.inf), kind="stable")[: q.max_leaves]
         keep = np.isin(np.arange(len(keep)), best)
     return np.asarray(keep, dtype=bool)
 

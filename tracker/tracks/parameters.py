@@ -46,7 +46,7 @@ class MhtParameters:
     tree_leaves: int = 8  # greatest number of leaves of a tree
     tentative_leaves: int = 4  # the same for a tentative track
     max_loss: float = 30.0  # log-likelihood by which the best hypothesis with a leaf may be worse than the global hypothesis
-    max_leaves: int = 160  # greatest number of leaves in all, or two per person; every pair of their children is compared
+    max_leaves: int = 160  # greatest number of leaves in all; every pair of their children is compared
     k_h: int = 1  # K_H, hypotheses that are kept; above 1, the children of each form a graph of their own
     i_bls_max: int = 2000  # moves of the local search, at most
     branches: int = 20  # of branch and bound in one component of the graph, at most; they bound the time of a tick

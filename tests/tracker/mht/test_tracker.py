@@ -42,13 +42,6 @@ def test_one_graph_for_each_hypothesis() -> None:
     assert scored(setup, walked, synthetic_crowd.ticks(setup, walked, rng), small).mota > 0.85
 
 
-def test_the_bound_of_leaves_does_not_bound_the_number_of_people() -> None:
-    rng = np.random.default_rng(1)
-    setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(8, 40, rng)
-    few = Parameters(targets=MhtParameters(max_leaves=4))
-    assert scored(setup, walked, synthetic_crowd.ticks(setup, walked, rng), few).mota > 0.85
-
-
 def test_greedy_decisions_stand_at_once() -> None:
     """With an N-scan window of 0 each confirmed person in the global hypothesis has one leaf, and a crowd is tracked nevertheless."""
     rng = np.random.default_rng(1)
