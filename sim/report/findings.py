@@ -48,7 +48,7 @@ CAUSES = {
     "nobody saw it": "no part of the person was visible in any camera.",
     "occluded": "less than a fifth of the person was visible, even in the best view.",
     "detector missed": "the person was visible, but no box was reported.",
-    "not yet believed": "boxes were reported, but the tracker had not yet confirmed the new track.",
+    "not yet confirmed": "boxes were reported, but the tracker had not yet confirmed the new track.",
     "gated out": "boxes of a tracked person were reported, but the tracker did not assign them to the track.",
     "pose error": "pose errors of the robots that saw the person shifted it by more than half a metre on the ground.",
     "merged": "two people stood near each other, and one track covered both.",

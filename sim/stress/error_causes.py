@@ -20,7 +20,7 @@ from tracker.sequence.results import Results
 from tracker.types import Tick, View
 from tracker.types.truth import VISIBLE_FRACTION
 
-MISSES = ("nobody saw it", "occluded", "detector missed", "not yet believed", "gated out", "pose error", "merged")
+MISSES = ("nobody saw it", "occluded", "detector missed", "not yet confirmed", "gated out", "pose error", "merged")
 FALSE_POSITIVES = ("clutter", "duplicate", "coasting", "misplaced", "pose error")
 SWITCHES = ("wrong association", "after occlusion", "after detector misses", "pose error", "new track")
 CAUSES = {"misses": MISSES, "false positives": FALSE_POSITIVES, "switches": SWITCHES}
@@ -201,7 +201,7 @@ def _why_missed(now: FrameEvidence, person: int, known: bool) -> str:
         return "pose error"
     near = planar_distance(now.feet[row : row + 1], now.place)[0] < GATE if len(now.place) else np.zeros(0, dtype=bool)
     others = set(now.track[near].tolist()) - now.false
-    return "merged" if others else "gated out" if known else "not yet believed"
+    return "merged" if others else "gated out" if known else "not yet confirmed"
 
 
 def _why_false(now: FrameEvidence, place: Array, owner: tuple[int, int] | None, since: float) -> str:

@@ -88,6 +88,11 @@ class Adjusted:
     paths: dict[int, tuple[Array, Array]]
     stature: Array
 
+    @property
+    def misfit(self) -> float:
+        """Largest deviation of a parameter that boxes depend on from its prior, in standard deviations."""
+        return float(np.abs((self.body - GLOBAL_PRIOR[:, 0]) / GLOBAL_PRIOR[:, 1])[list(OF_BOXES)].max())
+
     def figures(self) -> dict[str, float]:
         """Numbers of boxes and people, share of inliers, mean stature m, and body.GLOBALS."""
         inliers = float((self.weight > INLIER).mean())

@@ -22,7 +22,6 @@ from tracker.calibration.body import (
     HEIGHT,
     K1,
     MEAN_STATURE,
-    OF_BOXES,
     OFFSET,
     PITCH,
     ROLL,
@@ -190,9 +189,8 @@ class _Calibrator:
             if edge > MOST_EDGE
         ]
         # Ground that is not level and bent lenses are compensated by bodies that do not exist.
-        misfit = float(np.abs((adjusted.body - GLOBAL_PRIOR[:, 0]) / GLOBAL_PRIOR[:, 1])[list(OF_BOXES)].max())
-        if misfit > MOST_MISFIT and not self.known.refine:
-            odd = f"boxes fit no upright bodies on level ground ({misfit:.0f} standard deviations off, needs {MOST_MISFIT:.0f})"
+        if adjusted.misfit > MOST_MISFIT and not self.known.refine:
+            odd = f"boxes fit no upright bodies on level ground ({adjusted.misfit:.0f} standard deviations off, needs {MOST_MISFIT:.0f})"
             out.append(f"{odd}: the ground rises, people do not stand, or a lens bends lines; --k1 and --from intrinsics may help")
         for a, b in combinations(self.rows, 2):
             paths = {name: self._walked(name, self.rows[name]) for name in (a, b)}

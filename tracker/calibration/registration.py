@@ -32,7 +32,6 @@ PAIRS, TRIED, KEPT, REFINED = 60, 300, 10, 6
 """Most guesses per offset, guesses whose likelihood is bounded, guesses whose likelihood is found, and matches of two cameras."""
 FARTHEST = 60.0
 """m: places beyond are not used."""
-LEAST_STEPS = 4
 FOOT = 0.15
 
 
@@ -115,7 +114,7 @@ def guesses(pairs: TrackletPairs, most: int) -> list[GroundMotion]:
     for steps in range(-most, most + 1):
         m = pairs.moments(steps)
         error = np.maximum(m.spread_a + m.spread_b - 2 * np.abs(m.cross), 0.0)
-        ok = m.n >= max(LEAST_STEPS, LEAST_TIME / STEP)
+        ok = m.n * STEP >= LEAST_TIME
         value = np.where(ok, np.sqrt(m.n) * np.log1p(np.minimum(m.spread_a, m.spread_b) / (error + ERROR**2)), 0.0)
         best = np.argpartition(value, -min(PAIRS, value.size), axis=None)[-PAIRS:]
         for i, j in zip(*np.unravel_index(best, value.shape), strict=True):

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.geometry import Array, Ints
+from tracker.geometry import Array, Ints, Mask
 
 Complexes = NDArray[np.complex128]
 Number = TypeVar("Number", bound=np.generic)
@@ -142,6 +143,7 @@ class Evidence(NamedTuple):
 
     @property
     def gain(self) -> float:
+        """Log-likelihood ratio above that of chance."""
         return self.ratio - self.chance
 
     @property
@@ -155,7 +157,7 @@ class Evidence(NamedTuple):
 
 
 class TrackletPairs:
-    """All pairs of tracklets of two cameras. Sums by offset are kept, so that a motion costs a few operations for a pair."""
+    """All pairs of tracklets of two cameras. Moments by offset are cached, so that a motion costs a few operations for a pair."""
 
     def __init__(self, a: Paths, b: Paths, tight: float = 1.0) -> None:
         """tight: factor of the errors of places."""
@@ -165,6 +167,12 @@ class TrackletPairs:
         self._error = one[:, None] ** 2 + two**2
         # One of the people whom the other camera sees is the same person.
         self._other = np.log(b.people / a.area)
+
+    @cached_property
+    def _overlaps(self) -> tuple[Mask, Mask]:
+        """Which tracklets of the first camera, and which of the second, exist at one time (tracklets, same)."""
+        first, second = (paths.here @ paths.here.T > 0 for paths in (self.a, self.b))
+        return first, second
 
     def moments(self, steps: int) -> Moments:
         """The moments after the second camera's time is moved on by `steps`."""
@@ -204,7 +212,7 @@ class TrackletPairs:
         No tracklet has two others at one time.
         """
         ratio, number = self.log_ratio(motion), self.moments(motion.steps).n
-        overlap_a, overlap_b = (paths.here @ paths.here.T > 0 for paths in (self.a, self.b))
+        overlap_a, overlap_b = self._overlaps
         taken, total, steps = np.zeros(ratio.shape, dtype=bool), 0.0, 0.0
         rows, columns = np.nonzero(ratio > 0)
         order = np.argsort(-ratio[rows, columns], kind="stable")

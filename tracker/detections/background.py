@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 from tracker.geometry import Array, Floats, Mask
 from tracker.geometry.compilation import njit
 
-Ages = NDArray[np.int64]
-
 
 @dataclass(frozen=True)
 class BackgroundParameters:
@@ -39,54 +37,59 @@ class BackgroundParameters:
 
 @dataclass(eq=False)
 class _Scene:
-    """State of each pixel (H, W): colour, variance, known; stable: ticks without a change; since_box: ticks since the last box on it."""
+    """State of each pixel (H, W): colour, variance, known; stable: periods without a change; since_box: periods since the last box on it."""
 
     colour: Floats
     variance: Floats
     known: Mask
-    stable: Ages
-    since_box: Ages
+    stable: Array
+    since_box: Array
 
 
 class BackgroundModel:
     """Background model of one camera; causal: its state depends on the images and boxes so far."""
 
     def __init__(self, period: float, parameters: BackgroundParameters | None = None) -> None:
-        """period: s from image to image."""
+        """period: usual s from image to image."""
         self.period, self.parameters = period, parameters or BackgroundParameters()
         self._scene: _Scene | None = None
         self._seen = 0
 
-    def step(self, image: NDArray[np.uint8], people: Mask) -> tuple[Mask, Mask]:
+    def step(self, image: NDArray[np.uint8], people: Mask, elapsed: float | None = None) -> tuple[Mask, Mask]:
         """Foreground (H, W) and unknown pixels (H, W) of an image (H, W, 3); people (H, W): pixels within boxes of people.
 
-        An image of another size starts the model anew.
+        elapsed: s since the image before, the period by default. An image of another size starts the model anew.
         """
-        p = self.parameters
+        p, elapsed = self.parameters, self.period if elapsed is None else elapsed
         now = cv2.GaussianBlur(image, (3, 3), 0).astype(np.float32)
         s, none = self._scene, np.zeros(people.shape, dtype=np.bool_)
         if s is not None and s.known.shape == people.shape:
             differs, shadow = _subtract(now, s.colour, s.variance, s.known, np.array([p.threshold**2, *p.shadow, p.shadow_colour**2]))
             if differs.sum() <= p.scene_change * max(s.known.sum(), 1):
                 self._seen += 1
-                _adapt(now, (s.colour, s.variance, s.known, s.stable, s.since_box), (differs, people), self._rates(), self._limits())
+                scene = s.colour, s.variance, s.known, s.stable, s.since_box
+                _adapt(now, scene, (differs, people), self._rates(elapsed), self._limits(elapsed))
                 body = cv2.medianBlur((differs & ~shadow).astype(np.uint8), 3) > 0
                 return np.asarray(body), ~s.known
-        known, ages = none.copy(), np.zeros(people.shape, dtype=np.int64)
+        known, ages = none.copy(), np.zeros(people.shape)
         self._scene = _Scene(now, np.full(people.shape, 2 * p.min_noise**2, np.float32), known, ages, ages + round(p.person_memory / self.period) + 1)
         self._seen = 0
         return none, ~none
 
-    def _rates(self) -> Array:
-        """Adaptation rates (3,) of background pixels, of foreground pixels under recent boxes, and of other foreground pixels."""
+    def _rates(self, elapsed: float) -> Array:
+        """Adaptation rates (3,) of background pixels, of foreground pixels under recent boxes, and of other foreground pixels, after `elapsed` s."""
         p = self.parameters
-        rates = self.period / np.array([p.memory, p.absorb_person, p.absorb_object])
+        rates = elapsed / np.array([p.memory, p.absorb_person, p.absorb_object])
         return np.minimum(np.maximum(rates, [1 / (self._seen + 1), 0.0, 0.0]), 1.0)
 
-    def _limits(self) -> Array:
-        """Limits (5,): least and greatest variance, squared change of a stable pixel, ticks until it is known, ticks for which boxes are recent."""
+    def _limits(self, elapsed: float) -> Array:
+        """Limits (6,): least and greatest variance, and squared change of a stable pixel.
+
+        Then periods until a pixel is known, for which boxes are recent, and since the image before.
+        """
         p = self.parameters
-        return np.array([p.min_noise**2, p.max_noise**2, 2 * (p.threshold * p.min_noise) ** 2, p.stable / self.period, p.person_memory / self.period])
+        noise = p.min_noise**2, p.max_noise**2, 2 * (p.threshold * p.min_noise) ** 2
+        return np.array([*noise, p.stable / self.period, p.person_memory / self.period, elapsed / self.period])
 
 
 @njit(cache=True)
@@ -114,19 +117,19 @@ def _subtract(now: Floats, colour: Floats, variance: Floats, known: Mask, limits
 
 
 @njit(cache=True)
-def _adapt(now: Floats, scene: tuple[Floats, Floats, Mask, Ages, Ages], seen: tuple[Mask, Mask], rates: Array, limits: Array) -> None:
+def _adapt(now: Floats, scene: tuple[Floats, Floats, Mask, Array, Array], seen: tuple[Mask, Mask], rates: Array, limits: Array) -> None:
     """Adapt the scene in place; seen: pixels that differ, and pixels within boxes of people."""
-    (colour, variance, known, stable, since_box), (differs, people) = scene, seen
+    (colour, variance, known, stable, since_box), (differs, people), periods = scene, seen, limits[5]
     for i in range(known.shape[0]):
         for j in range(known.shape[1]):
-            since_box[i, j] = 0 if people[i, j] else since_box[i, j] + 1
+            since_box[i, j] = 0.0 if people[i, j] else since_box[i, j] + periods
             apart = 0.0
             for c in range(3):
                 apart += (now[i, j, c] - colour[i, j, c]) ** 2
             if not known[i, j]:
-                stable[i, j] = 0 if people[i, j] or apart > limits[2] else stable[i, j] + 1
+                stable[i, j] = 0.0 if people[i, j] or apart > limits[2] else stable[i, j] + periods
                 known[i, j] = stable[i, j] >= limits[3]
-                rate = 1 / (stable[i, j] + 1)
+                rate = periods / (stable[i, j] + periods)
             elif people[i, j]:
                 continue
             else:

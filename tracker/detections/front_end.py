@@ -22,7 +22,7 @@ from tracker.detections.optical_flow import KltTracklets, TrackletParameters
 from tracker.detections.silhouettes import SilhouetteParameters, Silhouettes
 from tracker.geometry import Array, Image, Mask, Pose
 from tracker.geometry.cameras import Camera
-from tracker.types import Detections, Mount, Setup, Tick, View
+from tracker.types import Detections, Intervals, Mount, Setup, Tick, View
 
 SILHOUETTES = " silhouettes"
 """Suffix of the views of silhouettes."""
@@ -62,6 +62,7 @@ class FrontEnd:
         self._map = map if threads is None else threads.map
         self._tracklets = {name: KltTracklets(mount.camera, images.tracklets) for name, mount in setup.mounts.items() if images.tracklets}
         self._silhouettes = {name: Silhouettes(mount.camera, _pose(setup, mount), setup, images.silhouettes) for name, mount in fixed.items()}
+        self._intervals = {name: Intervals(setup.period) for name in fixed}
 
     def step(self, tick: Tick, placed: dict[str, Placed]) -> tuple[list[GroundDetections], list[Viewpoint]]:
         """Ground detections and viewpoint of each view whose robot has a pose.
@@ -69,18 +70,18 @@ class FrontEnd:
         placed: robot → T_world_robot and covariance (6, 6) of its right tangent.
         """
         seen = [view for view in tick.views if self.setup.mounts[view.camera].robot in placed]
-        found = self._map(lambda view: self._ground_detections(view, placed[self.setup.mounts[view.camera].robot]), seen)
+        found = self._map(lambda view: self._ground_detections(view, placed[self.setup.mounts[view.camera].robot], tick.time + view.later), seen)
         feet = [replace(boxes, later=view.later) for view, of_view in zip(seen, found, strict=True) for boxes in of_view]
         return feet, [self._viewpoint(f.camera, placed) for f in feet]
 
-    def _ground_detections(self, view: View, placed: Placed) -> list[GroundDetections]:
+    def _ground_detections(self, view: View, placed: Placed, time: float) -> list[GroundDetections]:
         feet = project_to_ground(self.setup, view.camera, view.detections, placed, self.fusion)
         if self._tracklets:
             feet = replace(feet, links=self._tracklets[view.camera].step(view.image, view.detections))
         silhouettes = self._silhouettes.get(view.camera)
         if view.image is None or silhouettes is None:
             return [self._with_appearance(feet, view, None)]
-        found = silhouettes.step(view.image, view.detections, feet)
+        found = silhouettes.step(view.image, view.detections, feet, self._intervals[view.camera].step(time))
         other = project_to_ground(self.setup, view.camera + SILHOUETTES, found, placed, self.fusion)
         return [self._with_appearance(f, v, silhouettes.foreground) for f, v in ((feet, view), (other, replace(view, detections=found)))]
 
@@ -120,13 +121,13 @@ def appearances(image: Image, camera: Camera, detections: Detections, foreground
     people: Image = np.ones((height, width), dtype=np.uint8)
     if foreground is not None:
         people = np.asarray(cv2.resize(foreground.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST), dtype=np.uint8)
-    return np.array([_appearance(colours, people, boxes, k) for k in range(len(boxes))]).reshape(-1, SIZE)
+    return np.array([_appearance(colours, people, boxes, k, camera.wraps) for k in range(len(boxes))]).reshape(-1, SIZE)
 
 
-def _appearance(colours: Image, people: Image, boxes: Array, k: int) -> Array:
+def _appearance(colours: Image, people: Image, boxes: Array, k: int, wraps: bool) -> Array:
     """Appearance vector (SIZE,) of the box in row k of `boxes` (n, 4): left, top, right, bottom px.
 
-    Columns beyond an edge of the image are those of the other side, as in a panorama.
+    wraps: the image is a panorama, where columns beyond an edge are those of the other side. Otherwise they do not count.
     """
     unknown = np.full(SIZE, np.nan)
     if not np.isfinite(boxes[k]).all():
@@ -138,7 +139,7 @@ def _appearance(colours: Image, people: Image, boxes: Array, k: int) -> Array:
         return unknown
     across = np.exp(-0.5 * ((columns + 0.5 - (left + right) / 2) / (COLUMN_SIGMA * (right - left))) ** 2)
     patch = np.ix_(rows, columns % colours.shape[1])
-    weight = people[patch] * across
+    weight = people[patch] * np.where(wraps | ((columns >= 0) & (columns < colours.shape[1])), across, 0.0)
     for other in boxes[boxes[:, 3] > bottom + 1]:
         occluded = (rows[:, None] >= other[1]) & (rows[:, None] < other[3]) & (columns >= other[0]) & (columns < other[2])
         weight = np.where(occluded, 0.0, weight)

@@ -27,6 +27,8 @@ PARTS = np.array([[0.055, 0.02, 0.16], [0.115, 0.16, 0.5], [0.09, 0.5, 0.93]])
 """Head, trunk and legs: half the width, upper and lower end, as shares of the height, from the head. Shadows and shoes are left out below."""
 HALF_WIDTH = 0.2
 """Half the width of the box that is reported, as a share of its height."""
+FARTHEST_PIXEL = 10_000
+"""Largest coordinate of a corner of a pillar, which is drawn in whole numbers."""
 
 
 @dataclass(frozen=True)
@@ -80,15 +82,16 @@ class Silhouettes:
         self._candidates: dict[int, CandidateBodies] = {}
         self.foreground = np.zeros(self.shape, dtype=np.bool_)
 
-    def step(self, image: Image, detections: Detections, feet: GroundDetections) -> Detections:
+    def step(self, image: Image, detections: Detections, feet: GroundDetections, elapsed: float | None = None) -> Detections:
         """Boxes of the people in an image (h, w, 3) by their silhouettes.
 
         detections and feet: the boxes of another detector in it, as angles and on the ground.
+        elapsed: s since the image before, the period by default.
         """
         p = self.parameters
         small = cv2.resize(image, (self.shape[1], self.shape[0]), interpolation=cv2.INTER_AREA)
         people = self._box_mask(detections.confidence >= p.min_confidence, detections)
-        body, unknown = self.background.step(np.asarray(small, dtype=np.uint8), people)
+        body, unknown = self.background.step(np.asarray(small, dtype=np.uint8), people, elapsed)
         self.foreground = body
         self._learn_stature(feet)
         stature = round(self._stature_sum / self._weight * 20)
@@ -111,16 +114,17 @@ class Silhouettes:
             across = np.array([y - origin[1], origin[0] - x])
             left, right = (np.array([x, y]) + side * radius * across / np.hypot(*across) for side in (-1, 1))
             corners = np.array([[*left, low], [*right, low], [*right, high], [*left, high]])
-            pixels, seen = self._pixels(corners)
-            if seen.any() and np.isfinite(pixels).all():
-                cv2.fillPoly(out, [pixels.round().astype(np.int32)], 1)
+            pixels = self._pixels(corners)
+            if np.isfinite(pixels).all():
+                # Corners of a pillar that crosses the whole image are far outside it.
+                cv2.fillPoly(out, [np.clip(pixels.round(), -FARTHEST_PIXEL, FARTHEST_PIXEL).astype(np.int32)], 1)
         return np.asarray(out > 0)
 
-    def _pixels(self, points: Array) -> tuple[Array, Mask]:
-        """Pixels (n, 2) of points (n, 3) m in the scaled image, from its corner, and whether they are in it (n,)."""
+    def _pixels(self, points: Array) -> Array:
+        """Pixels (n, 2) of points (n, 3) m in the scaled image, from its corner; NaN where the camera cannot project them."""
         rays = (points - self.pose.translation) @ self.pose.rotation
-        pixels, inside = self.camera.pixels_from_bearings(rays / np.linalg.norm(rays, axis=1)[:, None])
-        return (pixels + 0.5 - self.camera.pixel_centre) * self._scale, inside
+        pixels, _ = self.camera.pixels_from_bearings(rays / np.linalg.norm(rays, axis=1)[:, None])
+        return (pixels + 0.5 - self.camera.pixel_centre) * self._scale
 
     def _candidate_bodies(self, stature: float) -> CandidateBodies:
         """Bodies of that stature (m) at all candidate places."""
@@ -131,7 +135,7 @@ class Silhouettes:
         point, grounded = self.setup.ground.intersect(np.broadcast_to(origin, rays.shape), rays, p.reach)
         grounded &= self.setup.distance_beyond(point) <= p.area_margin
         foot, point = foot[grounded], point[grounded]
-        head, _ = self._pixels(point + np.array([0.0, 0.0, stature]))
+        head = self._pixels(point + np.array([0.0, 0.0, stature]))
         distance = np.hypot(*(point - origin)[:, :2].T)
         nearest = min((np.hypot(*(row[:2] - origin[:2])) for row in self.setup.pillars), default=np.inf)
         with np.errstate(invalid="ignore"):

@@ -60,7 +60,7 @@ def test_causes_of_misses(changes: dict[str, object], cause: str) -> None:
 
 
 def test_a_person_who_was_never_tracked_is_not_yet_believed() -> None:
-    assert found(missed(0)) == [(0, "miss", "not yet believed")]
+    assert found(missed(0)) == [(0, "miss", "not yet confirmed")]
 
 
 def false(place: float, track: int = 13, **changes: object) -> FrameEvidence:

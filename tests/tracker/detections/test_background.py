@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from tracker.detections.background import BackgroundModel, BackgroundParameters
@@ -93,3 +94,14 @@ def test_a_change_of_light_or_size_starts_the_model_anew() -> None:
     assert unknown.all()
     _, unknown = model.step(np.zeros((20, 30, 3), dtype=np.uint8), np.zeros((20, 30), dtype=bool))
     assert unknown.shape == (20, 30)
+
+
+@pytest.mark.parametrize("every", [1, 3])
+def test_times_of_the_background_are_seconds_at_any_rate_of_images(every: int) -> None:
+    """A thing appears, and a scene becomes known, after the same time with every image as with every third."""
+    rng, p, thing = np.random.default_rng(6), BackgroundParameters(), block(40)
+    model, elapsed = BackgroundModel(PERIOD), every * PERIOD
+    known = next(k * elapsed for k in range(100) if model.step(image(rng), NOBODY, elapsed)[1].mean() < 0.01)
+    assert known == pytest.approx(p.stable, abs=2 * elapsed)
+    absorbed = next(k * elapsed for k in range(500) if model.step(image(rng, thing), NOBODY, elapsed)[0][thing].mean() < 0.1)
+    assert 0.3 * p.absorb_object < absorbed < 3 * p.absorb_object

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -118,3 +120,11 @@ def test_the_mean_stature_is_learned_from_boxes() -> None:
     for _ in range(40):
         detected(detector, where, people, people)
     assert abs(detector._stature_sum / detector._weight - street.TALL) < 0.02
+
+
+def test_a_post_that_crosses_the_whole_image_hides_its_columns() -> None:
+    setup = Street(post=True).setup
+    tall = setup.pillars.copy()
+    tall[:, 3:] = -20.0, 20.0
+    hidden = Silhouettes(CAMERA, EYE, replace(setup, pillars=tall)).hidden
+    assert 3 < hidden.all(axis=0).sum() == hidden.any(axis=0).sum() < 15
