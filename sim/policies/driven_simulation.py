@@ -16,7 +16,7 @@ from sim.policies.policy import TeamKnowledge
 from sim.policies.rollouts import policy_of
 from sim.robots.driving import ACCELERATION, ARRIVED, YAW_ACCELERATION, Driver, DriveState, Motion, Traffic
 from sim.scenario import Scenario
-from sim.simulation.simulation import Simulation
+from sim.simulation.simulation import Simulation, furnished
 from tracker.geometry import Array
 
 LEAD_TIME = 20.0
@@ -63,7 +63,7 @@ class PolicySimulation(Simulation):
     def __init__(self, scenario: Scenario, policy: str) -> None:
         self._policy = policy_of(policy) if policy else None
         self._place = map_of(MapKey(scenario.world, scenario.difficulty, scenario.seed, scenario.people))
-        super().__init__(scenario, self._place.world)
+        super().__init__(scenario, furnished(self._place.world, scenario))
         self._decision_ticks = max(1, round(1.0 / (DECISION_RATE * scenario.period)))
         self._config = PlacementConfig(world=scenario.world, robots=scenario.robots, people=scenario.people, difficulty=scenario.difficulty)
         self._beliefs, self._measurement_rng = Beliefs.none(scenario.people), scenario.stream("policy/sight")

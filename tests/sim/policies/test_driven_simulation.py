@@ -42,6 +42,16 @@ def test_policies_keep_the_speed_and_the_turning_radius_of_robots(tmp_path: Path
     assert [driver.driver.turning_radius > 0 for driver in simulation._goal_drivers] == [False, True]
 
 
+@pytest.mark.parametrize("policy", ["", "greedy"])
+def test_the_things_and_seats_of_a_scenario_stand_in_its_world(policy: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sim.policies.driven_simulation.LEAD_TIME", 0.0)
+    scenario = replace(SCENARIO, distractors=4, sitting=0.7)
+    driven, plain = PolicySimulation(scenario, policy), Simulation(scenario)
+    assert driven.model.ngeom == plain.model.ngeom > Simulation(SCENARIO).model.ngeom
+    driven.step()
+    assert np.isfinite(places(driven)).all()
+
+
 @pytest.mark.soak
 def test_a_static_team_drives_to_its_ring_and_stays_there() -> None:
     one, other = PolicySimulation(SCENARIO, "static"), PolicySimulation(SCENARIO, "static")
