@@ -21,9 +21,8 @@ class Detect:
     The same command continues after an interruption.
 
     CAMERA.visible.txt has a row for each row of CAMERA.txt, with the box of the
-    visible part. The visible share of the body replaces the probability. Nearer
-    people, who have lower feet, occlude those behind them. Furniture, walls and
-    other things are not considered, since the network gives whole bodies.
+    visible part. Its share of the whole box replaces the probability. Models of
+    earlier versions find whole bodies alone.
 
     Examples: pilsim detect street.mp4 --out runs/boxes --pictures
               pilsim detect PETS2009/S2.L1 --cameras 1 --frames 0:400 --out runs/boxes

@@ -12,6 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from sim.training.clutter import Picture, piece, texture_bank
 from sim.training.photometric import camera_look, recoloured
@@ -66,6 +67,15 @@ class _CrowdCrop:
         pixels = np.bincount(self.instances.ravel(), minlength=256)[self.person]
         return np.minimum(self.visible, pixels / np.maximum(FILLED * area, 1.0))
 
+    def seen(self) -> Array:
+        """Left, top, right, bottom (n, 4) px of the visible part of each body; the whole box of a body without a visible pixel."""
+        out, parts = self.boxes.copy(), ndimage.find_objects(self.instances)
+        for k, person in enumerate(self.person.tolist()):
+            if 0 < person <= len(parts) and parts[person - 1] is not None:
+                rows, columns = parts[person - 1]
+                out[k] = columns.start, rows.start, columns.stop, rows.stop
+        return out
+
     def paste(self, picture: Picture, mask: NDArray[np.uint8], corner: tuple[int, int], instance: int, behind: bool) -> None:
         """Paste a picture at a corner (x, y), in front of all bodies or behind them. The visible shares of the bodies it hides shrink."""
         size = len(self.picture)
@@ -115,11 +125,11 @@ class CropSampler:
         if rng.random() < HIDDEN_SHARE:
             self._hide(crop, rng)
         picture = camera_look(crop.picture, rng)
-        boxes, visible = crop.boxes, crop.visible_here()
+        boxes, seen, visible = crop.boxes, crop.seen(), crop.visible_here()
         if rng.random() < 0.5:
             picture = np.ascontiguousarray(picture[:, ::-1])
-            boxes = np.stack([size - boxes[:, 2], boxes[:, 1], size - boxes[:, 0], boxes[:, 3]], axis=1)
-        return picture, targets_of(boxes, visible, crop.cut, size)
+            boxes, seen = (np.stack([size - box[:, 2], box[:, 1], size - box[:, 0], box[:, 3]], axis=1) for box in (boxes, seen))
+        return picture, targets_of(boxes, visible, crop.cut, size, seen)
 
     def _image(self, rng: np.random.Generator) -> tuple[ImageSet, int, bool]:
         """A random image: its set, its index, and whether it is a panorama."""

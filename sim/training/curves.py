@@ -9,7 +9,7 @@ import cv2
 import matplotlib.figure
 import numpy as np
 
-from sim.training.evaluation import SEEN, FoundImage, heights_of, judged
+from sim.training.evaluation import SEEN, FoundImage, corners_of, heights_of, judged
 from sim.training.optimization import PARTS
 from sim.training.scene_rendering import ImageSet
 from tracker.geometry import Array
@@ -17,6 +17,9 @@ from tracker.io.atomic import new_file
 from tracker.metrics.box_detection import WantedBodies
 
 DPI, SHOWN = 110, (480, 360)
+
+LINES = ((80, 200, 60), 2), ((30, 130, 255), 2), ((60, 220, 240), 1)
+"""BGR and width, px, of bodies, of found boxes and of their visible parts."""
 
 
 def draw_curves(rows: list[tuple[float, ...]], kinds: dict[str, list[FoundImage]], calibration: tuple[Array, Array, float], file: Path) -> None:
@@ -52,15 +55,19 @@ def draw_curves(rows: list[tuple[float, ...]], kinds: dict[str, list[FoundImage]
 
 
 def draw_frames(shown: list[tuple[ImageSet, int, FoundImage]], calibration: tuple[Array, Array, float], file: Path, least: float = 0.5) -> None:
-    """Write images as PNG: bodies seen at least by half in green, boxes with a score of at least `least` in orange. shown: set, index, boxes."""
+    """Write images as PNG: bodies seen at least by half in green, boxes with a score of at least `least` in orange.
+
+    Visible parts of these boxes are yellow. shown: set, index, boxes.
+    """
     pictures = []
     for images, index, image in shown:
         picture = np.ascontiguousarray(np.asarray(images.colour[index])[..., ::-1])
-        found, logit = image.suppressed(calibration[2])
-        score = np.interp(logit, calibration[0], calibration[1])
-        for boxes, colour in ((image.boxes[image.visible >= 0.5], (80, 200, 60)), (found[score >= least], (30, 130, 255))):
+        found = image.suppressed(calibration[2])
+        found = found.select(np.interp(found.score, calibration[0], calibration[1]) >= least)
+        drawn = image.boxes[image.visible >= 0.5], corners_of(found.box), corners_of(found.visible)
+        for boxes, (colour, wide) in zip(drawn, LINES, strict=True):
             for left, top, right, bottom in np.rint(boxes).astype(int).tolist():
-                cv2.rectangle(picture, (left, top), (right, bottom), colour, 2)
+                cv2.rectangle(picture, (left, top), (right, bottom), colour, wide)
         pictures.append(cv2.resize(picture, SHOWN, interpolation=cv2.INTER_AREA))
     pictures += [np.zeros_like(pictures[0])] * (-len(pictures) % 2)
     with new_file(file) as part:

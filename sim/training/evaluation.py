@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
 from scipy.optimize import isotonic_regression
 
 from sim.training.augmentation import cut_off
@@ -43,7 +45,7 @@ HEIGHT_BINS = (8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0)
 class FoundImage:
     """What was found in one image before suppression, and its bodies: boxes (n, 4) px, visible (n,), cut (n,).
 
-    period: width of a panorama, or None.
+    period: width of a panorama, or None. parts (n, 4) px: around the visible part of each body; in a panorama, of its part at the right edge.
     """
 
     found: FoundBoxes
@@ -52,16 +54,16 @@ class FoundImage:
     cut: Mask
     world: str
     period: float | None
+    parts: Array
 
     @property
     def heights(self) -> Array:
         """Heights (n,) of the bodies, px."""
         return self.boxes[:, 3] - self.boxes[:, 1]
 
-    def suppressed(self, nms_iou: float) -> tuple[Array, Array]:
-        """One box for each body: left, top, right, bottom (k, 4) px, and logits (k,), descending."""
-        found = self.found.select(kept_rows(self.found.box, self.found.score, nms_iou, self.period))
-        return np.concatenate([found.box[:, :2], found.box[:, :2] + found.box[:, 2:]], axis=1), found.score
+    def suppressed(self, nms_iou: float) -> FoundBoxes:
+        """One box for each body, with its logit, the highest first."""
+        return self.found.select(kept_rows(self.found.box, self.found.score, nms_iou, self.period))
 
 
 def found_images(detector: PersonDetector, sets: Iterable[tuple[str, ImageSet]], wraps: bool) -> list[FoundImage]:
@@ -78,26 +80,50 @@ def found_images(detector: PersonDetector, sets: Iterable[tuple[str, ImageSet]],
             cut = cut_off(images.boxes[mine], width, height, wraps) & (world != meeting_room.NAME)
             image = np.ascontiguousarray(images.colour[index])
             found = within(detector.peaks(image, levels, wraps, LEAST_LOGIT), image, wraps)
-            out.append(FoundImage(found, images.boxes[mine], images.visible[mine], cut, world, float(width) if wraps else None))
+            parts = visible_parts(images.instances[index], images.person[mine], images.boxes[mine])
+            out.append(FoundImage(found, images.boxes[mine], images.visible[mine], cut, world, float(width) if wraps else None, parts))
     return out
 
 
-def judged(images: list[FoundImage], wanted: WantedBodies, nms_iou: float) -> tuple[Array, Mask, int]:
-    """Logits (k,) of boxes after suppression, whether each is a body, and the number of bodies that had to be found."""
+def visible_parts(instances: NDArray[np.uint8], person: NDArray[np.int64], boxes: Array) -> Array:
+    """Left, top, right, bottom (n, 4) px around the pixels of bodies in an image (H, W) of their numbers `person` (n,).
+
+    It is the box of a body without a pixel. boxes (n, 4) px; in a panorama their right edges may pass the seam, and the parts then do.
+    """
+    out, width = boxes.copy(), instances.shape[1]
+    for k, (number, (left, _, right, _)) in enumerate(zip(person.tolist(), boxes.tolist(), strict=True)):
+        turn = int(left) - 8 if right > width else 0
+        found = ndimage.find_objects((np.roll(instances, -turn, axis=1) == number).astype(np.uint8))
+        if found and found[0] is not None:
+            rows, columns = found[0]
+            out[k] = columns.start + turn, rows.start, columns.stop + turn, rows.stop
+    return out
+
+
+def judged(images: list[FoundImage], wanted: WantedBodies, nms_iou: float, part: bool = False) -> tuple[Array, Mask, int]:
+    """Logits (k,) of boxes after suppression, whether each is a body, and the number of bodies that had to be found.
+
+    part: the boxes of the visible parts are compared in place of those of whole bodies.
+    """
     logits, hits, count = [], [], 0
     for image in images:
-        found, logit = image.suppressed(nms_iou)
-        there = image.visible >= HIDDEN
-        boxes, visible = image.boxes[there], image.visible[there]
-        good = ~image.cut[there] & wanted.of_this_height(boxes) & (visible >= wanted.visible[0]) & (visible < wanted.visible[1])
+        found = image.suppressed(nms_iou)
+        edges, there = corners_of(found.visible if part else found.box), image.visible >= HIDDEN
+        boxes, visible = (image.parts if part else image.boxes)[there], image.visible[there]
+        good = ~image.cut[there] & wanted.of_this_height(image.boxes[there]) & (visible >= wanted.visible[0]) & (visible < wanted.visible[1])
         count += int(good.sum())
         # Ignored bodies take any number of boxes, as crowds in COCO do.
-        body = match_by_score(box_overlaps(found, boxes, image.period), good, np.array([IOU]), ~good)[0]
+        body = match_by_score(box_overlaps(edges, boxes, image.period), good, np.array([IOU]), ~good)[0]
         hit = np.append(good, False)[body]
-        counted = hit | ((body == NOBODY) & wanted.of_this_height(found))
-        logits.append(logit[counted])
+        counted = hit | ((body == NOBODY) & wanted.of_this_height(corners_of(found.box)))
+        logits.append(found.score[counted])
         hits.append(hit[counted])
     return np.concatenate(logits or [np.zeros(0)]), np.concatenate(hits or [np.zeros(0, bool)]), count
+
+
+def corners_of(box: Array) -> Array:
+    """Left, top, right, bottom (n, 4) px of boxes left, top, width, height, the first four columns of `box`."""
+    return np.hstack([box[:, :2], box[:, :2] + box[:, 2:4]])
 
 
 def heights_of(title: str) -> tuple[float, float]:
@@ -113,6 +139,7 @@ def figures(images: list[FoundImage], nms_iou: float, heights: tuple[float, floa
         out[f"ap50, {low:.0f}-{high:.0f} px"] = average_precision(*judged(images, WantedBodies((low, high), SEEN), nms_iou))
     for low, high in pairwise(VISIBLE):
         out[f"ap50, seen {low:g}-{min(high, 1):g}"] = average_precision(*judged(images, WantedBodies(heights, (low, high)), nms_iou))
+    out["ap50 of visible parts"] = average_precision(*judged(images, WantedBodies(heights, (LEAST_VISIBLE, np.inf)), nms_iou, True))
     for world in sorted({image.world for image in images}):
         own = [image for image in images if image.world == world]
         out[f"ap50, {world}"] = average_precision(*judged(own, WantedBodies(heights, SEEN), nms_iou))
@@ -123,8 +150,8 @@ def feet_errors(images: list[FoundImage], nms_iou: float, heights: tuple[float, 
     """Errors (k,) of the lower edge of found bodies, as a share of their height; positive is too low."""
     errors = []
     for image in images:
-        found, logit = image.suppressed(nms_iou)
-        found = found[logit > 0.0]
+        kept = image.suppressed(nms_iou)
+        found = corners_of(kept.box[kept.score > 0.0])
         good = np.flatnonzero((image.visible >= SEEN[0]) & ~image.cut & (image.heights >= heights[0]) & (image.heights < heights[1]))
         if not len(good) or not len(found):
             continue

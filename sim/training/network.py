@@ -42,10 +42,11 @@ class _Bottleneck(nn.Module):
 
 
 class PersonNetwork(nn.Module):
-    """image (n, 3, H, W) RGB in 0..1, H and W multiples of 32 → scores (n, 1, H/4, W/4), edges and spread (n, 4, H/4, W/4).
+    """image (n, 3, H, W) RGB in 0..1, H and W multiples of 32 → scores (n, 1, H/4, W/4), edges, spread and hidden (n, 4, H/4, W/4).
 
     scores: logits of a body's centre. edges: natural logarithms of the distances (px) from the cell's centre to left, top, right and bottom of the
     whole body. spread: natural logarithms of the mean absolute errors of `edges`.
+    hidden: logits of the shares of the box beyond the visible part at left, top, right and bottom.
     """
 
     def __init__(self) -> None:
@@ -60,7 +61,7 @@ class PersonNetwork(nn.Module):
         self.smoothing = nn.ModuleList([_ConvBlock(WIDTH, WIDTH, 3) for _ in TRUNK[1:]])
         self.rise = nn.Upsample(scale_factor=2, mode="nearest")
         self.head = _ConvBlock(WIDTH, WIDTH, 3)
-        self.outputs = nn.Conv2d(WIDTH, 1 + 2 * EDGES, 1)
+        self.outputs = nn.Conv2d(WIDTH, 1 + 3 * EDGES, 1)
         self._initialize()
 
     def _initialize(self) -> None:
@@ -75,9 +76,10 @@ class PersonNetwork(nn.Module):
             bias[0] = -math.log((1 - PRIOR) / PRIOR)
             # A body of about 60 x 24 px.
             bias[1 : 1 + EDGES] = torch.tensor([12.0, 30.0, 12.0, 30.0]).log()
-            bias[1 + EDGES :] = -1.0
+            bias[1 + EDGES : 1 + 2 * EDGES] = -1.0
+            bias[1 + 2 * EDGES :] = -3.0
 
-    def forward(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    def forward(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         x = self.stem((image - 0.45) * (255 * PIXEL_SCALE))
         levels = []
         for stage in self.stages:
@@ -87,7 +89,8 @@ class PersonNetwork(nn.Module):
         for k in range(len(levels) - 2, -1, -1):
             rising = self.laterals[k](levels[k]) + self.rise(self.smoothing[k](rising))
         found = self.outputs(self.head(torch.relu(rising)))
-        return found[:, :1], found[:, 1 : 1 + EDGES], found[:, 1 + EDGES :]
+        scores, edges, spread, hidden = found.split([1, EDGES, EDGES, EDGES], dim=1)
+        return scores, edges, spread, hidden
 
 
 def parameter_count(network: nn.Module) -> int:

@@ -21,6 +21,8 @@ from torch import Tensor, nn
 
 from tracker.io.atomic import new_file
 
+LAST = "outputs"
+"""Name of the last convolution, whose channels are the outputs."""
 EXACT = ("Exp", "Log", "Clip", "Slice", "Sub")
 """Operations that stay in floating point, besides the last convolution: they make logits and distances, whose range is large."""
 
@@ -68,25 +70,29 @@ def take_weights(network: nn.Module, file: Path, pictures: Iterable[NDArray[np.u
     """Give a network the weights of an exported model, so that its outputs agree up to the rounding to 8 bits.
 
     Export has folded the normalizations into the convolutions. They are restored with the means and variances of channels on pictures
-    (b, H, W, 3) RGB, so that training continues from the model. Raises ValueError for a model of other shapes.
+    (b, H, W, 3) RGB, so that training continues from the model. Outputs that an older model lacks keep their initial weights.
+    Raises ValueError for a model of other shapes.
     """
     found, parts = _convolutions(file), dict(network.named_modules())
     plain = {name: part for name, part in parts.items() if isinstance(part, nn.Conv2d)}
-    if {name: tuple(part.weight.shape) for name, part in plain.items()} != {name: tuple(weight.shape) for name, (weight, _) in found.items()}:
+    ours, theirs = {name: part.weight.shape for name, part in plain.items()}, {name: weight.shape for name, (weight, _) in found.items()}
+    outputs, known = ours.pop(LAST), theirs.pop(LAST, None)
+    if ours != theirs or known is None or known[1:] != outputs[1:] or known[0] > outputs[0]:
         raise ValueError(f"{file}: has other convolutions than the network that is trained")
     moments: dict[nn.Module, list[Tensor]] = {}
     with torch.no_grad():
         for name, part in plain.items():
-            part.weight.copy_(found[name][0])
+            weight, bias = found[name]
+            part.weight[: len(weight)].copy_(weight)
             if part.bias is not None:
-                part.bias.copy_(found[name][1])
+                part.bias[: len(bias)].copy_(bias)
                 continue
             block, _, last = name.rpartition(".")
             norm: Any = parts[f"{block}.{int(last) + 1}"]
             norm.running_mean.zero_()
             norm.running_var.fill_(1.0 - norm.eps)
             norm.weight.fill_(1.0)
-            norm.bias.copy_(found[name][1])
+            norm.bias.copy_(bias)
             moments[norm] = []
         hooks = [norm.register_forward_pre_hook(lambda norm, x: moments[norm].append(_moments(x[0]))) for norm in moments]
         for batch in pictures:
@@ -132,7 +138,7 @@ def _convolutions(file: Path) -> dict[str, tuple[Tensor, Tensor]]:
 OPSET = 17
 KEY = "pilsim"
 """Entry of the metadata: a JSON object with version, calibration, min_score and nms_iou, and how the model was made."""
-OUTPUTS = ("scores", "edges", "spread")
+OUTPUTS = ("scores", "edges", "spread", "hidden")
 
 
 class _Exported(nn.Module):
@@ -142,11 +148,11 @@ class _Exported(nn.Module):
         super().__init__()
         self.network = network
 
-    def forward(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        scores, edges, spread = self.network(image)
+    def forward(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        scores, edges, spread, hidden = self.network(image)
         distance = edges.clamp(-3.0, 8.0).exp()
         height = distance[:, 1:2] + distance[:, 3:4]
-        return scores, edges, spread + edges - height.log()
+        return scores, edges, spread + edges - height.log(), hidden
 
 
 def export(network: nn.Module, file: Path, pictures: Iterable[NDArray[np.uint8]]) -> None:

@@ -29,12 +29,12 @@ FOCUS, NEARBY = 2.0, 4.0
 """Exponents of the focal loss, and of the discount of cells near a centre."""
 LOGARITHM = (0.3, 0.3, 0.3, 0.45)
 """Weights of the absolute errors of the logarithms of left, top, right and bottom, beside the overlap. Feet decide where a person stands."""
-SPREAD_WEIGHT = 0.05
+SPREAD_WEIGHT, HIDDEN_WEIGHT = 0.05, 0.4
 
 
-def detection_loss(outputs: tuple[Tensor, Tensor, Tensor], targets: dict[str, Tensor]) -> dict[str, Tensor]:
-    """Parts of the loss, to be summed: scores, overlap, logarithm and spread. targets: stacked, under the names of Targets."""
-    scores, edges, spread = (output.float() for output in outputs)
+def detection_loss(outputs: tuple[Tensor, ...], targets: dict[str, Tensor]) -> dict[str, Tensor]:
+    """Parts of the loss, to be summed: scores, overlap, logarithm, spread and hidden. targets: stacked, under the names of Targets."""
+    scores, edges, spread, hidden = (output.float() for output in outputs)
     heat, counted, weight = targets["heat"], targets["counted"], targets["weight"]
     centre = (heat == 1).float() * weight
     count = centre.sum().clamp(min=4.0)
@@ -52,6 +52,8 @@ def detection_loss(outputs: tuple[Tensor, Tensor, Tensor], targets: dict[str, Te
         "overlap": ((1 - generalized_iou(edges.clamp(-3.0, 7.5).exp(), wanted)) * weight).sum() / total,
         "logarithm": (errors * scaled * weight).sum() / total,
         "spread": SPREAD_WEIGHT * (spreading * weight).sum() / total,
+        # The cross entropy of a share is least at its mean.
+        "hidden": HIDDEN_WEIGHT * (functional.binary_cross_entropy_with_logits(hidden, targets["hidden"], reduction="none") * weight).sum() / total,
     }
 
 
@@ -74,7 +76,7 @@ AVERAGE = 0.998
 LARGEST_GRADIENT = 10.0
 SAVED_EVERY, ROW_EVERY = 250, 50
 """Steps between checkpoints, and between rows of the curve."""
-PARTS = ("scores", "overlap", "logarithm", "spread")
+PARTS = ("scores", "overlap", "logarithm", "spread", "hidden")
 CHECKPOINT, CURVE = "checkpoint.pt", "curve.csv"
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracker.geometry import Array, Mask
+from tracker.person_detector.found_boxes import hidden_shares
 
 STRIDE = 4
 """px: edge of a cell."""
@@ -34,32 +35,36 @@ class Targets:
 
     heat (1, h, w) in [0, 1]. counted (1, h, w): 0 where a cell without a body is ignored, else 1.
     edges (4, h, w): distances px from the cell's centre to left, top, right and bottom. weight (1, h, w): of the edges, 0 for none;
-    where heat is 1, also the weight of the score.
+    where heat is 1, also the weight of the score. hidden (4, h, w): shares of the box beyond the visible part at left, top, right and bottom.
     """
 
     heat: NDArray[np.float32]
     counted: NDArray[np.float32]
     edges: NDArray[np.float32]
     weight: NDArray[np.float32]
+    hidden: NDArray[np.float32]
 
 
-def targets_of(boxes: Array, visible: Array, cut: Mask, size: int) -> Targets:
+def targets_of(boxes: Array, visible: Array, cut: Mask, size: int, seen: Array | None = None) -> Targets:
     """Targets for bodies with boxes (n, 4) px and visible shares (n,), cut (n,) by the border of their image, in a crop of `size` px.
 
+    seen (n, 4): left, top, right, bottom px of the visible part of each, the whole box by default.
     A body whose middle lies outside of the crop has the box of its part inside. The detector clips boxes at the border, too.
     """
     cells = size // STRIDE
     heat, counted = np.zeros((cells, cells), np.float32), np.ones((cells, cells), np.float32)
     edges, weight = np.ones((4, cells, cells), np.float32), np.zeros((cells, cells), np.float32)
+    hidden = np.zeros((4, cells, cells), np.float32)
     centres = (np.arange(cells, dtype=np.float32) + 0.5) * STRIDE
     boxes, cut, inside = _within(boxes, cut, size)
+    beyond = np.zeros(boxes.shape) if seen is None else hidden_shares(boxes, seen)
     skipped = (inside < LEAST_INSIDE) | (visible < LEAST_VISIBLE) | (boxes[:, 3] - boxes[:, 1] < LEAST_HEIGHT)
     worth = np.interp(visible, *WEIGHTS) * np.where(cut, CUT_WEIGHT, 1.0)
     for box, share in zip(boxes[skipped], visible[skipped], strict=True):
         left, top, right, bottom = np.clip(np.rint(box / STRIDE), 0, cells).astype(int)
         if share >= HIDDEN:
             counted[top : bottom + 1, left : right + 1] = 0
-    for box, worthy in zip(boxes[~skipped], worth[~skipped], strict=True):
+    for box, worthy, share in zip(boxes[~skipped], worth[~skipped], beyond[~skipped], strict=True):
         middle, extent = (box[:2] + box[2:]) / 2, box[2:] - box[:2]
         column, row = np.floor(middle / STRIDE).astype(int)
         if not (0 <= column < cells and 0 <= row < cells):
@@ -73,8 +78,9 @@ def targets_of(boxes: Array, visible: Array, cut: Mask, size: int) -> Targets:
         x, y = centres[columns], centres[rows]
         edges[:, rows, columns] = np.maximum(np.stack([x - box[0], y - box[1], box[2] - x, box[3] - y]), 0.5)
         weight[rows, columns] = worthy * own[rows, columns]
+        hidden[:, rows, columns] = share[:, None]
         np.maximum(heat, own, out=heat)
-    return Targets(heat[None], counted[None], edges, weight[None])
+    return Targets(heat[None], counted[None], edges, weight[None], hidden)
 
 
 def _within(boxes: Array, cut: Mask, size: int) -> tuple[Array, Mask, Array]:

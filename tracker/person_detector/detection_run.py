@@ -21,7 +21,6 @@ from tracker.io.resume import Journal, check_same, holds_run, json_value, progra
 from tracker.io.video_files import VideoWriters
 from tracker.person_detector.detector import PersonDetector
 from tracker.person_detector.pictures import PictureFrame
-from tracker.person_detector.visible_parts import visible_parts
 
 RUN, JOURNAL = "run.json", ".found.jsonl"
 BOXES, VISIBLE = "boxes", "visible"
@@ -49,7 +48,7 @@ def write_detections(frames: Iterable[PictureFrame], total: int | None, folder: 
     """Find people in all frames and write the boxes into a new or empty folder, or read the statement of the same run there.
 
     Each camera has CAMERA.txt, and CAMERA.visible.txt with a row for each of its rows. The latter has the box of the
-    visible part and, in place of the probability, the visible share of the body.
+    visible part and, in place of the probability, the visible share of the body. Models without visible parts give whole boxes and shares of 1.
 
     A run that was killed or interrupted is resumed: unchanged images are not searched again.
     Returns the statement with `found`: camera → numbers of frames and boxes. total: number of frames, for the progress bar.
@@ -96,12 +95,14 @@ def _written(frames: Iterable[PictureFrame], partial: Path, wanted: dict[str, An
                 found = how.detector.find(one.image, one.site, how.wraps)
                 entry = dict(zip(("camera", "frame", "image"), key, strict=True))
                 entry |= {"box": np.round(found.box, 2).tolist(), "probability": np.round(found.score, 4).tolist()}
+                entry["visible"] = np.round(found.visible, 4).tolist()
                 journal.add(entry)
             box, probability = np.array(entry["box"], dtype=float).reshape(-1, 4), np.array(entry["probability"], dtype=float)
-            part, share = visible_parts(box, probability, float(one.image.shape[1]) if how.wraps or one.site.wraps else None)
-            parts.setdefault(one.camera, {})[one.frame + 1] = np.round(part, 2), np.round(share, 4)
+            visible = np.array(entry["visible"], dtype=float).reshape(-1, 5)
+            part = np.round(visible[:, :4], 2)
+            parts.setdefault(one.camera, {})[one.frame + 1] = part, visible[:, 4]
             if how.visible:
-                box = np.round(part, 2)
+                box = part
             boxes.setdefault(one.camera, {})[one.frame + 1] = box, probability
             if how.pictures or how.video:
                 drawn = _drawn(one.image, box)

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.detections.boxes import detections_from_boxes
+from tracker.detections.boxes import detections_from_boxes, feet_seen
 from tracker.geometry import Array, Image, Mask, Pose
 from tracker.geometry.cameras import Camera, Panorama
 from tracker.geometry.ground import Ground
 from tracker.geometry.panoramas import PanoramicCamera
-from tracker.person_detector.found_boxes import FoundBoxes, one_for_each, peaks_of
+from tracker.person_detector.found_boxes import FoundBoxes, hidden_shares, one_for_each, peaks_of
 from tracker.person_detector.magnification import SHARED, SLACK, magnified_parts
 from tracker.person_detector.network import STRIDE, PersonNetwork
 from tracker.person_detector.pixels import Level, level_of, level_of_part, rgb_image
@@ -78,7 +78,7 @@ class PersonDetector:
             wraps = site.wraps
         levels = search_levels(image.shape, _panorama(site.camera, image, wraps), site.above)
         peaks = self.peaks(image, levels, wraps, self.network.calibration.least_logit)
-        found = FoundBoxes(peaks.box, self.network.calibration.probabilities(peaks.score), peaks.sigma)
+        found = replace(peaks, score=self.network.calibration.probabilities(peaks.score))
         # Boxes are cut off first, because two boxes of one person may differ only outside of the image.
         found = within(found.select(found.score >= self.network.calibration.min_score), image, wraps)
         found = one_for_each(found, self.network.calibration.nms_iou, image.shape[1] if wraps else None)
@@ -94,10 +94,12 @@ class PersonDetector:
         assert site.camera is not None
         found = self.find(picture, site)
         found = found.select(found.score >= TRACKED)
-        if found.sigma is None:
-            return detections_from_boxes(site.camera, found.box, found.score)
-        left, _, right, bottom = found.sigma.T
-        return detections_from_boxes(site.camera, found.box, found.score, np.column_stack([np.hypot(left, right) / 2, bottom]))
+        deviation = None
+        if found.sigma is not None:
+            left, _, right, bottom = found.sigma.T
+            deviation = np.column_stack([np.hypot(left, right) / 2, bottom])
+        detections = detections_from_boxes(site.camera, found.box, found.score, deviation)
+        return detections if found.hidden is None else replace(detections, feet_seen=feet_seen(found.box, found.visible))
 
     def peaks(self, image: Image, levels: list[SearchLevel], wraps: bool, least_logit: float) -> FoundBoxes:
         """Boxes in an image (H, W, 3) before suppression, with logits of at least `least_logit`.
@@ -129,7 +131,7 @@ class PersonDetector:
         # Beyond the seam the image repeats the same people. At the seam, each copy may have its middle on the other side.
         slack, x = STRIDE * level.scale, found.middle[:, 0]
         turns = np.floor(x / period)[:, None] * np.array([period, 0.0, 0.0, 0.0])
-        return FoundBoxes(found.box - turns, found.score, found.sigma).select((x >= -slack) & (x < period + slack))
+        return replace(found, box=found.box - turns).select((x >= -slack) & (x < period + slack))
 
 
 def _panorama(camera: Camera | None, image: Image, wraps: bool) -> PanoramicCamera | None:
@@ -143,15 +145,14 @@ def _panorama(camera: Camera | None, image: Image, wraps: bool) -> PanoramicCame
 def within(found: FoundBoxes, image: NDArray[np.uint8], wraps: bool) -> FoundBoxes:
     """The boxes with what lies outside the image cut off; those of which nothing is left are left out."""
     height, width = image.shape[:2]
-    corners = np.concatenate([found.box[:, :2], found.box[:, :2] + found.box[:, 2:]], axis=1)
-    corners[:, 1::2] = np.clip(corners[:, 1::2], 0, height)
-    if not wraps:
-        corners[:, ::2] = np.clip(corners[:, ::2], 0, width)
+    low, high = (-np.inf if wraps else 0.0, 0.0) * 2, (np.inf if wraps else width, height) * 2
+    corners, seen = (np.clip(np.hstack([box[:, :2], box[:, :2] + box[:, 2:4]]), low, high) for box in (found.box, found.visible))
+    hidden = None if found.hidden is None else hidden_shares(corners, seen)
     box: Array = np.concatenate([corners[:, :2], corners[:, 2:] - corners[:, :2]], axis=1)
     if wraps:
         box[:, 2] = np.minimum(box[:, 2], width)
         box[:, 0] %= width
-    return FoundBoxes(box, found.score, found.sigma).select(np.asarray((box[:, 2:] > 0).all(axis=1)))
+    return replace(found, box=box, hidden=hidden).select(np.asarray((box[:, 2:] > 0).all(axis=1)))
 
 
 def could_stand(found: FoundBoxes, camera: Camera, pose: Pose, ground: Ground) -> Mask:

@@ -19,6 +19,8 @@ SAME_FEET = 0.45
 SOFTER = 0.8
 MOST = 1000
 """Most peaks of a level, those with the highest scores."""
+LEAST_SIDE = 0.05
+"""Least side of the visible part of a body, a share of that of its box."""
 LONGEST_EDGE = 8.0
 """Largest logarithm of the distance to an edge in px."""
 
@@ -30,18 +32,21 @@ class FoundBoxes:
     box (n, 4): left, top, width, height px. In an image that wraps, left is in [0, W) and left + width may pass W.
     score (n,): the probability that the box is a person at an IoU of 0.5; before calibration its logit, as the network gives it.
     sigma (n, 4) px: standard deviations of left, top, right and bottom, or None where the network has none.
+    hidden (n, 4): shares of the box beyond the visible part of the body at left, top, right and bottom, or None likewise.
     """
 
     box: Array
     score: Array
     sigma: Array | None = None
+    hidden: Array | None = None
 
     def __post_init__(self) -> None:
         n = len(self.box)
         set_array(self, "box", (n, 4))
         set_array(self, "score", (n,))
-        if self.sigma is not None:
-            set_array(self, "sigma", (n, 4))
+        for name in ("sigma", "hidden"):
+            if getattr(self, name) is not None:
+                set_array(self, name, (n, 4))
 
     def __len__(self) -> int:
         return len(self.box)
@@ -56,16 +61,29 @@ class FoundBoxes:
         """Middles (n, 2) of the boxes, px."""
         return np.asarray(self.box[:, :2] + self.box[:, 2:] / 2)
 
+    @property
+    def visible(self) -> Array:
+        """Left, top, width, height (n, 4) px of the visible part of each body, and its share (n,) of the whole box as the last column (n, 5)."""
+        hidden = np.zeros(self.box.shape) if self.hidden is None else self.hidden
+        start, size = hidden[:, :2], np.maximum(1 - hidden[:, :2] - hidden[:, 2:], LEAST_SIDE)
+        return np.column_stack([self.box[:, :2] + start * self.box[:, 2:], size * self.box[:, 2:], np.prod(size, axis=1)])
+
     def select(self, rows: Mask | Ints) -> FoundBoxes:
         """The boxes in `rows`."""
-        return FoundBoxes(self.box[rows], self.score[rows], None if self.sigma is None else self.sigma[rows])
+        sigma, hidden = (None if values is None else values[rows] for values in (self.sigma, self.hidden))
+        return FoundBoxes(self.box[rows], self.score[rows], sigma, hidden)
 
     @staticmethod
     def joined(parts: list[FoundBoxes]) -> FoundBoxes:
         """The boxes of one or more parts, one after the other."""
-        sigmas = [part.sigma for part in parts if part.sigma is not None]
-        sigma = np.concatenate(sigmas) if len(sigmas) == len(parts) else None
-        return FoundBoxes(np.concatenate([part.box for part in parts]), np.concatenate([part.score for part in parts]), sigma)
+        sigma, hidden = (_rows([getattr(part, name) for part in parts]) for name in ("sigma", "hidden"))
+        return FoundBoxes(np.concatenate([part.box for part in parts]), np.concatenate([part.score for part in parts]), sigma, hidden)
+
+
+def _rows(parts: list[Array | None]) -> Array | None:
+    """The rows of all parts; None if a part has none."""
+    there = [part for part in parts if part is not None]
+    return np.concatenate(there) if len(there) == len(parts) else None
 
 
 def peaks_of(maps: Maps, level: Level, least_logit: float) -> FoundBoxes:
@@ -80,12 +98,20 @@ def peaks_of(maps: Maps, level: Level, least_logit: float) -> FoundBoxes:
     centre = (np.stack([columns, rows], axis=1) + 0.5) * STRIDE - level.origin
     left_top, right_bottom = centre - edges[:, :2], centre + edges[:, 2:]
     box = np.concatenate([left_top, right_bottom - left_top], axis=1) * level.scale
-    sigma = None
+    sigma = hidden = None
+    if "hidden" in maps:
+        hidden = 1 / (1 + np.exp(-maps["hidden"][:, rows, columns].astype(np.float64).T))
     if "spread" in maps:
         # The standard deviation of a Laplace distribution is its scale times √2.
         sigma = np.sqrt(2) * np.exp(np.minimum(maps["spread"][:, rows, columns].astype(np.float64).T, 0.0)) * box[:, 3:]
     good = np.isfinite(box).all(axis=1) & (box[:, 2:] > 0).all(axis=1)
-    return FoundBoxes(box, logits, sigma).select(np.asarray(good))
+    return FoundBoxes(box, logits, sigma, hidden).select(np.asarray(good))
+
+
+def hidden_shares(boxes: Array, seen: Array) -> Array:
+    """Shares (n, 4) of boxes beyond their visible parts at left, top, right and bottom. boxes, seen (n, 4): left, top, right, bottom px."""
+    size = np.maximum(np.tile(boxes[:, 2:] - boxes[:, :2], 2), 1e-9)
+    return np.clip((seen - boxes) * np.array([1.0, 1.0, -1.0, -1.0]) / size, 0.0, 1.0)
 
 
 def one_for_each(found: FoundBoxes, iou: float, period: float | None = None) -> FoundBoxes:

@@ -5,6 +5,7 @@ Input `image`: float32 (1, 3, H, W), RGB in 0 to 1, H and W multiples of 32. Out
 * `scores` (1, 1, H/4, W/4): logits that the cell is the centre of a person.
 * `edges` (1, 4, H/4, W/4): logarithms of the distances in px from the centre of the cell to the left, top, right and bottom of the whole body.
 * `spread` (1, 4, H/4, W/4), optional: logarithms of the scale of a Laplace distribution of each edge, as a share of the height of the box.
+* `hidden` (1, 4, H/4, W/4), optional: logits of the shares of the box beyond the visible part of the body at left, top, right and bottom.
 
 The metadata of the file has an entry `pilsim`, a JSON object: version 1, `calibration` as pairs of logit and probability, `min_score` and `nms_iou`.
 """
@@ -27,7 +28,7 @@ STRIDE, MULTIPLE = 4, 32
 """px of a cell; sides of an input are multiples of MULTIPLE px."""
 LARGEST_MODEL = 1 << 26
 """Largest size of a model file, bytes, because a file of unknown origin may fill the memory."""
-CHANNELS = {"scores": 1, "edges": 4, "spread": 4}
+CHANNELS = {"scores": 1, "edges": 4, "spread": 4, "hidden": 4}
 """Outputs and their channels."""
 
 Maps = dict[str, NDArray[np.float32]]

@@ -62,6 +62,14 @@ def test_targets_give_the_box_back():
     assert made.counted.all()
 
 
+def test_targets_have_the_shares_beyond_the_visible_part():
+    box, seen = np.array([[40.0, 30.0, 72.0, 130.0]]), np.array([[44.0, 30.0, 72.0, 80.0]])
+    made = targets_of(box, np.ones(1), np.zeros(1, bool), 256, seen)
+    trained = made.weight[0] > 0
+    np.testing.assert_allclose(made.hidden[:, trained], np.tile([[4 / 32], [0], [0], [0.5]], trained.sum()), atol=1e-6)
+    assert not targets_of(box, np.ones(1), np.zeros(1, bool), 256).hidden.any()
+
+
 def test_hidden_bodies_are_ignored_and_invisible_ones_are_background():
     boxes = np.array([[40.0, 30.0, 72.0, 130.0]])
     whole, half, hidden, invisible = (targets_of(boxes, np.array([share]), np.zeros(1, bool), 256) for share in (1.0, 0.2, 0.05, 0.0))
@@ -96,6 +104,9 @@ def test_what_hides_a_part_lowers_the_visible_share_and_screens_are_behind():
         shares.append(crop.visible[0])
         assert crop.visible[0] == pytest.approx(np.count_nonzero(crop.instances == 1) / pixels)
         assert crop.visible_here()[0] <= crop.visible[0]
+        rows, columns = np.nonzero(crop.instances == 1)
+        if len(rows):
+            np.testing.assert_array_equal(crop.seen()[0], [columns.min(), rows.min(), columns.max() + 1, rows.max() + 1])
     assert 0.2 < np.mean(shares) < 0.8
     assert min(shares) < 0.4
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from sim.training.evaluation import HEIGHTS, SEEN, FoundImage, corners, feet_errors, heights_of, judged
+from sim.training.evaluation import HEIGHTS, SEEN, FoundImage, corners, feet_errors, heights_of, judged, visible_parts
 from sim.training.targets import targets_of
 from tracker.metrics.box_detection import WantedBodies, average_precision, box_overlaps
 from tracker.person_detector.found_boxes import FoundBoxes, peaks_of
@@ -33,7 +35,7 @@ def _image(boxes, logits, bodies, visible):
     corners = np.array(boxes, float).reshape(-1, 4)
     found = FoundBoxes(np.hstack([corners[:, :2], corners[:, 2:] - corners[:, :2]]), np.array(logits, float))
     bodies = np.array(bodies, float).reshape(-1, 4)
-    return FoundImage(found, bodies, np.array(visible, float), np.zeros(len(bodies), bool), "campus", None)
+    return FoundImage(found, bodies, np.array(visible, float), np.zeros(len(bodies), bool), "campus", None, bodies)
 
 
 def test_average_precision_of_a_drawn_table():
@@ -74,3 +76,19 @@ def test_calibration_is_monotone_and_finds_the_shares():
     assert (np.diff(p) >= 0).all()
     np.testing.assert_allclose(p, 1 / (1 + np.exp(-0.5 * x - 1)), atol=0.06)
     assert corners(logits[:5], hits[:5]) == ((-10.0, 0.0), (10.0, 1.0))
+
+
+def test_visible_parts_are_around_the_pixels_of_bodies_and_pass_the_seam():
+    instances = np.zeros((40, 100), np.uint8)
+    instances[10:30, 20:30] = 1
+    instances[5:15, 95:] = instances[5:15, :4] = 2
+    boxes = np.array([[20.0, 10.0, 30.0, 38.0], [92.0, 5.0, 106.0, 30.0], [50.0, 0.0, 60.0, 20.0]])
+    np.testing.assert_array_equal(visible_parts(instances, np.array([1, 2, 3]), boxes), [[20, 10, 30, 30], [95, 5, 104, 15], boxes[2]])
+
+
+def test_boxes_of_visible_parts_are_compared_with_visible_parts():
+    image = _image([(0, 0, 20, 40)], [3], [(0, 0, 20, 40)], [0.4])
+    upper = replace(image, parts=np.array([[0.0, 0, 20, 16]]))
+    shown = replace(upper, found=replace(upper.found, hidden=np.array([[0.0, 0.0, 0.0, 0.6]])))
+    wanted = WantedBodies(HEIGHTS, (0.1, np.inf))
+    assert [judged([one], wanted, 0.5, True)[1].tolist() for one in (image, upper, shown)] == [[True], [False], [True]]

@@ -33,10 +33,15 @@ def test_the_right_answer_has_a_smaller_loss():
     from sim.training.optimization import detection_loss
     from sim.training.targets import targets_of
 
-    made = targets_of(np.array([[40.0, 30.0, 72.0, 130.0]]), np.ones(1), np.zeros(1, bool), 256)
-    targets = {name: torch.from_numpy(getattr(made, name))[None] for name in ("heat", "counted", "edges", "weight")}
-    right = torch.where(targets["heat"] == 1, 6.0, -6.0), targets["edges"].log(), torch.full((1, 4, 64, 64), -2.0)
-    wrong = -right[0], right[1] + 0.5, right[2]
+    made = targets_of(np.array([[40.0, 30.0, 72.0, 130.0]]), np.ones(1), np.zeros(1, bool), 256, np.array([[40.0, 30.0, 72.0, 90.0]]))
+    targets = {name: torch.from_numpy(getattr(made, name))[None] for name in ("heat", "counted", "edges", "weight", "hidden")}
+    right = (
+        torch.where(targets["heat"] == 1, 6.0, -6.0),
+        targets["edges"].log(),
+        torch.full((1, 4, 64, 64), -2.0),
+        torch.logit(targets["hidden"], 1e-4),
+    )
+    wrong = -right[0], right[1] + 0.5, right[2], right[3] + 1.0
     for name, value in detection_loss(right, targets).items():
         assert float(value) < float(detection_loss(wrong, targets)[name]), name
 
@@ -88,7 +93,7 @@ def test_whole_training_in_small(tmp_path):
     assert entry["version"] == 1
     assert (np.diff(np.array(entry["calibration"]), axis=0) >= 0).all()
     shapes = [output.shape for output in session.run(None, {"image": np.zeros((1, 3, 64, 96), np.float32)})]
-    assert shapes == [(1, 1, 16, 24), (1, 4, 16, 24), (1, 4, 16, 24)]
+    assert shapes == [(1, 1, 16, 24), (1, 4, 16, 24), (1, 4, 16, 24), (1, 4, 16, 24)]
     for name in (FIGURES, MODEL, "checkpoint.pt"):
         (tmp_path / name).unlink()
     assert train_detector(plan, tmp_path) == figures

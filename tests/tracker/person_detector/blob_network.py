@@ -16,11 +16,16 @@ META = {"version": 1, "calibration": [[-4, 0.0], [0, 0.5], [4, 1.0]], "min_score
 
 
 def write_blob_network(
-    path: Path, meta: dict[str, Any] | str | None = None, spread: float | None = None, outputs: tuple[str, ...] = (), height: int = HEIGHT
+    path: Path,
+    meta: dict[str, Any] | str | None = None,
+    spread: float | None = None,
+    outputs: tuple[str, ...] = (),
+    height: int = HEIGHT,
+    hidden: tuple[float, ...] = (),
 ) -> Path:
     """Write the network. meta: its metadata, a text as it is; "" for none. spread: of all edges. outputs: names in place of scores and edges.
 
-    height: of the boxes, px.
+    height: of the boxes, px. hidden: shares of all boxes beyond their visible parts, more than 0.
     """
     kernel, inner = np.full((1, 3, 28, 28), -1.0 / (3 * (28**2 - BLOB**2)), dtype=np.float32), slice(8, 8 + BLOB)
     kernel[:, :, inner, inner] = 1 / (3 * BLOB**2)
@@ -28,6 +33,8 @@ def write_blob_network(
     constant = {"edges": np.log([WIDTH / 2, height / 2, WIDTH / 2, height / 2])}
     if spread is not None:
         constant["spread"] = np.full(4, np.log(spread))
+    if hidden:
+        constant["hidden"] = np.log(np.array(hidden) / (1 - np.array(hidden)))
     nodes = [helper.make_node("Conv", ["image", "kernel", "offset"], [names[0]], strides=[4, 4], pads=[12, 12, 12, 12])]
     weights = [numpy_helper.from_array(10 * kernel, "kernel"), numpy_helper.from_array(np.array([-5], dtype=np.float32), "offset")]
     for name, values in constant.items():
@@ -40,7 +47,7 @@ def write_blob_network(
         nodes,
         "blobs",
         [helper.make_tensor_value_info("image", TensorProto.FLOAT, [1, 3, "height", "width"])],
-        [helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name in (*names, *(["spread"] if spread is not None else []))],
+        [helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name in (*names, *list(constant)[1:])],
         weights,
     )
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)

@@ -1,4 +1,4 @@
-"""Visible parts: what nearer people cover, its share and its box, across the seam, and what is written, read and used of it."""
+"""Visible parts of boxes: what is found, written, read and used of them."""
 
 from __future__ import annotations
 
@@ -11,71 +11,50 @@ import numpy as np
 import pytest
 
 from tests.tracker.disc_sequence import write as write_sequence
-from tests.tracker.person_detector.blob_network import BLOB, picture_with, write_blob_network
+from tests.tracker.person_detector.blob_network import picture_with, write_blob_network
 from tests.tracker.recordings.test_folder import small
 from tracker.formats.opening import open_sequence
 from tracker.formats.source_options import SourceOptions
 from tracker.geometry import Array
+from tracker.geometry.cameras import Pinhole
 from tracker.io.mot15 import read_mot15, rows_from_boxes, write_mot15
 from tracker.metrics.box_detection import count_boxes, judge
 from tracker.metrics.scored_images import images_of
 from tracker.person_detector.detection_run import DetectionRun, write_detections
 from tracker.person_detector.detector import CameraPlace, PersonDetector
 from tracker.person_detector.pictures import PictureFrame
-from tracker.person_detector.visible_parts import BODY, visible_parts
 from tracker.recordings.folder import read_recording, write_recording
 from tracker.sequence.truth_tables import read_boxes
 
-FAR, NEAR = [100.0, 50.0, 40.0, 100.0], [90.0, 90.0, 60.0, 150.0]
-
-
-def test_who_has_lower_feet_covers_who_has_higher_ones() -> None:
-    """The nearer body is 30 px wide about the same middle, and begins 40 px below the farther head."""
-    box, share = visible_parts(np.array([FAR, NEAR]), np.ones(2), None)
-    np.testing.assert_allclose(share, [0.4, 1.0], atol=0.02)
-    np.testing.assert_array_equal(box[1], NEAR)
-    # Beside the nearer body, 5 px on each side are open down to the feet.
-    np.testing.assert_array_equal(box[0], FAR)
-    wider, _ = visible_parts(np.array([FAR, [70.0, 90.0, 100.0, 150.0]]), np.ones(2), None)
-    np.testing.assert_allclose(wider[0], [100, 50, 40, 40], atol=2)
-    box, share = visible_parts(np.array([FAR, [70.0, 40.0, 100.0, 150.0]]), np.ones(2), None)
-    assert share[0] == 0
-    np.testing.assert_array_equal(box[0], FAR)
-
-
-def test_shares_fall_with_the_probability_of_what_covers_and_have_no_seam() -> None:
-    rng, width = np.random.default_rng(0), 400.0
-    box = np.column_stack([rng.uniform(0, width, 30), rng.uniform(0, 100, 30), rng.uniform(20, 60, 30), rng.uniform(50, 150, 30)])
-    (parts, *_), (sure, unsure, nothing) = zip(*(visible_parts(box, np.full(30, p), width) for p in (1.0, 0.5, 0.0)), strict=True)
-    assert (sure <= unsure + 1e-12).all()
-    assert (unsure <= nothing).all()
-    assert (nothing == 1).all()
-    assert sure.min() < 0.3
-    moved = np.column_stack([(box[:, 0] + 123) % width, box[:, 1:]])
-    np.testing.assert_allclose(visible_parts(moved, np.ones(30), width)[1], sure, atol=0.05)
-    inside = np.concatenate([parts[:, :2] - box[:, :2], (box - parts)[:, :2] + (box - parts)[:, 2:]], axis=1)
-    assert (inside >= -1e-9).all()
-    assert 0 < BODY < 1
-
 
 def test_both_extents_are_written(tmp_path: Path) -> None:
-    """A box of 20 x 70 px, and one twice as large whose body covers its lower part."""
-    detector = PersonDetector(write_blob_network(tmp_path / "m.onnx"))
-    image = np.maximum(picture_with((256, 128), [(50.0, 46.0)]), picture_with((256, 128), [(50.0, 132.0)], 2 * BLOB))
-    frame = PictureFrame(0, "C1", image, CameraPlace())
+    """Boxes of 20 x 70 px of which the upper half is visible, but for a tenth at each side; one is cut off by the image border at 128 px."""
+    detector = PersonDetector(write_blob_network(tmp_path / "m.onnx", hidden=(0.1, 1e-4, 0.1, 0.5)))
+    frame = PictureFrame(0, "C1", picture_with((128, 128), [(40.0, 46.0), (90.0, 110.0)]), CameraPlace())
     for visible in (False, True):
         out = tmp_path / str(visible)
         write_detections([frame], 1, out, {}, DetectionRun(detector, visible=visible))
         boxes, parts = read_mot15(out / "C1.txt"), read_mot15(out / "C1.visible.txt")
-        upper = int(np.argmin(boxes.box[:, 1]))
-        assert len(boxes) == len(parts)
-        assert parts.confidence[upper] == pytest.approx(51 / 70, abs=0.03)
-        # Two pixels at its left side are open down to the feet.
-        np.testing.assert_array_equal(parts.box[upper], boxes.box[upper])
-        assert parts.confidence[np.argmax(boxes.box[:, 1] + boxes.box[:, 3])] == 1
+        order = np.argsort(boxes.box[:, 0])
+        np.testing.assert_allclose(parts.box[order], [[30, 11, 16, 35], [82, 75, 16, 35]], atol=2.0)
+        # Of the second box, 53 px are in the image, and 35 of them visible.
+        np.testing.assert_allclose(parts.confidence[order], [0.8 * 0.5, 0.8 * 35 / 53], atol=0.03)
         assert (boxes.box == parts.box).all() == visible
         with pytest.raises(ValueError, match="holds another run"):
             write_detections([frame], 1, out, {}, DetectionRun(detector, visible=not visible))
+
+
+def test_boxes_of_a_model_without_visible_parts_are_wholly_visible(tmp_path: Path) -> None:
+    found = PersonDetector(write_blob_network(tmp_path / "m.onnx")).find(picture_with((128, 128), [(40.0, 60.0)]))
+    np.testing.assert_array_equal(found.visible, np.column_stack([found.box, np.ones(len(found))]))
+    assert len(found) == 1
+
+
+def test_the_feet_of_found_people_are_seen_where_the_visible_part_reaches_them(tmp_path: Path) -> None:
+    picture, site = picture_with((128, 256), [(60.0, 60.0)]), CameraPlace(Pinhole(256, 128, 200.0, 200.0, 128.0, 64.0))
+    for below, seen in ((0.02, True), (0.4, False)):
+        detector = PersonDetector(write_blob_network(tmp_path / "m.onnx", hidden=(0.01, 0.01, 0.01, below)))
+        assert detector.detections(picture, site).feet_seen.tolist() == [seen]
 
 
 def write_found(folder: Path, boxes: Mapping[tuple[int, str], Array], statement: str) -> None:
