@@ -45,7 +45,7 @@ HEIGHT_BINS = (8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0)
 class FoundImage:
     """What was found in one image before suppression, and its bodies: boxes (n, 4) px, visible (n,), cut (n,).
 
-    period: width of a panorama, or None. parts (n, 4) px: around the visible part of each body; in a panorama, of its part at the right edge.
+    period: width of a panorama, or None. parts (n, 4) px: of `visible_parts`.
     """
 
     found: FoundBoxes
