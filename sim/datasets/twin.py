@@ -38,7 +38,7 @@ from tracker.formats.source_options import SourceOptions, camera_named
 from tracker.geometry import Array, Image, Ints, Pose
 from tracker.geometry.cameras import Camera
 from tracker.geometry.ground import Flat
-from tracker.geometry.image_boxes import box_overlaps
+from tracker.geometry.image_boxes import box_overlaps, edges_of
 from tracker.io.file_lock import folder_lock
 from tracker.io.progress import progress_bar
 from tracker.io.resume import checksum
@@ -206,11 +206,7 @@ def _of_pets(twin: Twin) -> TrueMotion:
         scenario=Scenario(world=PETS_WORLD, difficulty=0.0, seed=twin.seed),
         # Values beyond the bounds are errors of a box.
         stature=np.clip(np.nanmedian(height, axis=1), *ADULTS),
-        boxes={
-            (frame, ANNOTATED): (present, np.column_stack([boxes[:, :2], boxes[:, :2] + boxes[:, 2:]]) + shift)
-            for frame, (present, boxes) in annotations.items()
-            if ANNOTATED in names
-        },
+        boxes={(frame, ANNOTATED): (present, edges_of(boxes) + shift) for frame, (present, boxes) in annotations.items() if ANNOTATED in names},
     )
 
 

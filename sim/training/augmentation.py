@@ -67,15 +67,6 @@ class _CrowdCrop:
         pixels = np.bincount(self.instances.ravel(), minlength=256)[self.person]
         return np.minimum(self.visible, pixels / np.maximum(FILLED * area, 1.0))
 
-    def seen(self) -> Array:
-        """Left, top, right, bottom (n, 4) px of the visible part of each body; the whole box of a body without a visible pixel."""
-        out, parts = self.boxes.copy(), ndimage.find_objects(self.instances)
-        for k, person in enumerate(self.person.tolist()):
-            if 0 < person <= len(parts) and parts[person - 1] is not None:
-                rows, columns = parts[person - 1]
-                out[k] = columns.start, rows.start, columns.stop, rows.stop
-        return out
-
     def paste(self, picture: Picture, mask: NDArray[np.uint8], corner: tuple[int, int], instance: int, behind: bool) -> None:
         """Paste a picture at a corner (x, y), in front of all bodies or behind them. The visible shares of the bodies it hides shrink."""
         size = len(self.picture)
@@ -125,7 +116,7 @@ class CropSampler:
         if rng.random() < HIDDEN_SHARE:
             self._hide(crop, rng)
         picture = camera_look(crop.picture, rng)
-        boxes, seen, visible = crop.boxes, crop.seen(), crop.visible_here()
+        boxes, seen, visible = crop.boxes, visible_parts(crop.instances, crop.person, crop.boxes), crop.visible_here()
         if rng.random() < 0.5:
             picture = np.ascontiguousarray(picture[:, ::-1])
             boxes, seen = (np.stack([size - box[:, 2], box[:, 1], size - box[:, 0], box[:, 3]], axis=1) for box in (boxes, seen))
@@ -306,3 +297,20 @@ def cut_off(boxes: Array, width: int, height: int, wraps: bool) -> Mask:
     """Whether boxes (n, 4) px touch the edge of their image, so that the whole body is unknown. wraps: a panorama has no left and right edge."""
     ends = (boxes[:, 1] <= 0) | (boxes[:, 3] >= height)
     return np.asarray(ends if wraps else ends | (boxes[:, 0] <= 0) | (boxes[:, 2] >= width))
+
+
+def visible_parts(instances: NDArray[np.uint8], person: NDArray[np.int64], boxes: Array, wraps: bool = False) -> Array:
+    """Left, top, right, bottom (n, 4) px around the pixels of bodies in an image (H, W) of their numbers `person` (n,).
+
+    It is the box of a body without a pixel. boxes (n, 4) px. wraps: in a panorama, boxes and parts may pass the seam at the right edge.
+    """
+    out, width, parts = boxes.copy(), instances.shape[1], ndimage.find_objects(instances)
+    for k, number in enumerate(person.tolist()):
+        if not 0 < number <= len(parts) or parts[number - 1] is None:
+            continue
+        (rows, columns), turn = parts[number - 1], 0
+        if wraps and boxes[k, 2] > width:
+            turn = int(boxes[k, 0]) - 8
+            rows, columns = ndimage.find_objects((np.roll(instances, -turn, axis=1) == number).astype(np.uint8))[0]
+        out[k] = columns.start + turn, rows.start, columns.stop + turn, rows.stop
+    return out

@@ -9,10 +9,11 @@ import cv2
 import matplotlib.figure
 import numpy as np
 
-from sim.training.evaluation import SEEN, FoundImage, corners_of, heights_of, judged
+from sim.training.evaluation import SEEN, FoundImage, heights_of, judged
 from sim.training.optimization import PARTS
 from sim.training.scene_rendering import ImageSet
 from tracker.geometry import Array
+from tracker.geometry.image_boxes import edges_of
 from tracker.io.atomic import new_file
 from tracker.metrics.box_detection import WantedBodies
 
@@ -64,7 +65,7 @@ def draw_frames(shown: list[tuple[ImageSet, int, FoundImage]], calibration: tupl
         picture = np.ascontiguousarray(np.asarray(images.colour[index])[..., ::-1])
         found = image.suppressed(calibration[2])
         found = found.select(np.interp(found.score, calibration[0], calibration[1]) >= least)
-        drawn = image.boxes[image.visible >= 0.5], corners_of(found.box), corners_of(found.visible)
+        drawn = image.boxes[image.visible >= 0.5], edges_of(found.box), edges_of(found.visible)
         for boxes, (colour, wide) in zip(drawn, LINES, strict=True):
             for left, top, right, bottom in np.rint(boxes).astype(int).tolist():
                 cv2.rectangle(picture, (left, top), (right, bottom), colour, wide)

@@ -12,15 +12,14 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import ndimage
 from scipy.optimize import isotonic_regression
 
-from sim.training.augmentation import cut_off
+from sim.training.augmentation import cut_off, visible_parts
 from sim.training.scene_rendering import ImageSet
 from sim.training.targets import HIDDEN, LEAST_VISIBLE
 from tracker.geometry import Array, Mask
 from tracker.geometry.cameras import Panorama
+from tracker.geometry.image_boxes import edges_of
 from tracker.metrics.box_detection import IOU, NOBODY, WantedBodies, average_precision, box_overlaps, match_by_score
 from tracker.metrics.box_scores import VISIBLE
 from tracker.person_detector.detector import PersonDetector, within
@@ -80,23 +79,8 @@ def found_images(detector: PersonDetector, sets: Iterable[tuple[str, ImageSet]],
             cut = cut_off(images.boxes[mine], width, height, wraps) & (world != meeting_room.NAME)
             image = np.ascontiguousarray(images.colour[index])
             found = within(detector.peaks(image, levels, wraps, LEAST_LOGIT), image, wraps)
-            parts = visible_parts(images.instances[index], images.person[mine], images.boxes[mine])
+            parts = visible_parts(images.instances[index], images.person[mine], images.boxes[mine], wraps)
             out.append(FoundImage(found, images.boxes[mine], images.visible[mine], cut, world, float(width) if wraps else None, parts))
-    return out
-
-
-def visible_parts(instances: NDArray[np.uint8], person: NDArray[np.int64], boxes: Array) -> Array:
-    """Left, top, right, bottom (n, 4) px around the pixels of bodies in an image (H, W) of their numbers `person` (n,).
-
-    It is the box of a body without a pixel. boxes (n, 4) px; in a panorama their right edges may pass the seam, and the parts then do.
-    """
-    out, width = boxes.copy(), instances.shape[1]
-    for k, (number, (left, _, right, _)) in enumerate(zip(person.tolist(), boxes.tolist(), strict=True)):
-        turn = int(left) - 8 if right > width else 0
-        found = ndimage.find_objects((np.roll(instances, -turn, axis=1) == number).astype(np.uint8))
-        if found and found[0] is not None:
-            rows, columns = found[0]
-            out[k] = columns.start + turn, rows.start, columns.stop + turn, rows.stop
     return out
 
 
@@ -108,22 +92,17 @@ def judged(images: list[FoundImage], wanted: WantedBodies, nms_iou: float, part:
     logits, hits, count = [], [], 0
     for image in images:
         found = image.suppressed(nms_iou)
-        edges, there = corners_of(found.visible if part else found.box), image.visible >= HIDDEN
+        edges, there = edges_of(found.visible if part else found.box), image.visible >= HIDDEN
         boxes, visible = (image.parts if part else image.boxes)[there], image.visible[there]
         good = ~image.cut[there] & wanted.of_this_height(image.boxes[there]) & (visible >= wanted.visible[0]) & (visible < wanted.visible[1])
         count += int(good.sum())
         # Ignored bodies take any number of boxes, as crowds in COCO do.
         body = match_by_score(box_overlaps(edges, boxes, image.period), good, np.array([IOU]), ~good)[0]
         hit = np.append(good, False)[body]
-        counted = hit | ((body == NOBODY) & wanted.of_this_height(corners_of(found.box)))
+        counted = hit | ((body == NOBODY) & wanted.of_this_height(edges_of(found.box)))
         logits.append(found.score[counted])
         hits.append(hit[counted])
     return np.concatenate(logits or [np.zeros(0)]), np.concatenate(hits or [np.zeros(0, bool)]), count
-
-
-def corners_of(box: Array) -> Array:
-    """Left, top, right, bottom (n, 4) px of boxes left, top, width, height, the first four columns of `box`."""
-    return np.hstack([box[:, :2], box[:, :2] + box[:, 2:4]])
 
 
 def heights_of(title: str) -> tuple[float, float]:
@@ -151,7 +130,7 @@ def feet_errors(images: list[FoundImage], nms_iou: float, heights: tuple[float, 
     errors = []
     for image in images:
         kept = image.suppressed(nms_iou)
-        found = corners_of(kept.box[kept.score > 0.0])
+        found = edges_of(kept.box[kept.score > 0.0])
         good = np.flatnonzero((image.visible >= SEEN[0]) & ~image.cut & (image.heights >= heights[0]) & (image.heights < heights[1]))
         if not len(good) or not len(found):
             continue

@@ -12,7 +12,7 @@ from scipy.optimize import isotonic_regression, linear_sum_assignment
 
 from tracker.geometry import Array, Ints, Mask
 from tracker.geometry.camera_protocol import Camera
-from tracker.geometry.image_boxes import box_overlaps
+from tracker.geometry.image_boxes import box_overlaps, edges_of
 from tracker.recordings.clocks import CameraClock
 from tracker.recordings.recording import FrameBoxes
 
@@ -147,7 +147,7 @@ def _inside(camera: Camera, table: LinkedBoxes) -> Mask:
 
 def _of_frame(camera: Camera, box: Array, confidence: Array) -> tuple[Array, Mask, Array]:
     """Edges (k, 4) px of a frame's boxes without second boxes, which of these (k,) show whole bodies, and confidences (k,)."""
-    edges = np.column_stack([box[:, :2], box[:, :2] + box[:, 2:]])
+    edges = edges_of(box)
     ratio = box[:, 3] / np.maximum(box[:, 2], 1e-6)
     kept = np.flatnonzero((box[:, 3] > LEAST_HEIGHT) & (box[:, 2] > 0))
     edges, ratio, order = edges[kept], ratio[kept], np.argsort(-confidence[kept], kind="stable")

@@ -15,24 +15,7 @@ from typing import Any
 import numpy as np
 
 from tracker.calibration.adjustment import GLOBAL_PRIOR, ROUNDS, Adjusted, Prior, adjust
-from tracker.calibration.body import (
-    CX,
-    CY,
-    FOCAL,
-    HEIGHT,
-    K1,
-    MEAN_STATURE,
-    OFFSET,
-    PITCH,
-    ROLL,
-    YAW,
-    X,
-    Y,
-    angles_of,
-    corner_of,
-    lens_of,
-    pose_of,
-)
+from tracker.calibration.body import CX, CY, FOCAL, HEIGHT, K1, MEAN_STATURE, OFFSET, PITCH, ROLL, YAW, X, Y, angles_of, corner_of, lens_of, pose_of
 from tracker.calibration.boxes import linked_boxes
 from tracker.calibration.people import MOST, observations
 from tracker.calibration.refinement import changes, moved_cameras, refine, unswapped

@@ -14,7 +14,7 @@ from tracker.formats.opening import format_of
 from tracker.formats.pets2009 import annotation_file, ground_truth, read_annotations
 from tracker.geometry import Array, Ints, Mask, Pose
 from tracker.geometry.cameras import Camera
-from tracker.geometry.image_boxes import body_outlines, box_overlaps, clipped
+from tracker.geometry.image_boxes import body_outlines, box_overlaps, clipped, edges_of
 from tracker.recordings import FrameBoxes, Recording, RecordingCamera
 
 INSIDE = 0.7
@@ -110,7 +110,7 @@ def observed(recording: Recording, truth: TruePeople, detections: Mapping[str, F
             known = truth.boxes.get(name, {}).get(frame)
             bodies = bodies_in_view((camera.camera, pose), person, feet, recording.pillars, known, truth.heights)
             box, confidence = boxes.get(frame, (np.zeros((0, 4)), np.zeros(0)))
-            yield match_frame(name, frame, bodies, (np.column_stack([box[:, :2], box[:, :2] + box[:, 2:]]), confidence), camera.camera, near)
+            yield match_frame(name, frame, bodies, (edges_of(box), confidence), camera.camera, near)
 
 
 def matched(recording: Recording, truth: TruePeople) -> tuple[list[ViewFrame], float]:

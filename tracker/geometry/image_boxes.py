@@ -93,6 +93,11 @@ def clipped(low: Array, high: Array, camera: Camera) -> Array:
     return np.concatenate([np.clip(low, least, most), np.clip(high, least, most)], axis=1)
 
 
+def edges_of(boxes: Array) -> Array:
+    """Edges left, top, right, bottom px (n, 4) of boxes left, top, width, height px, the first four columns of `boxes`."""
+    return np.hstack([boxes[:, :2], boxes[:, :2] + boxes[:, 2:4]])
+
+
 def boxes_from_edges(camera: Camera, edges: Array) -> Array:
     """Edges left, top, right, bottom px (n, 4) → left, top, width, height px; in panoramas left is in [0, W)."""
     left = np.mod(edges[:, 0], camera.width) if camera.wraps else edges[:, 0]

@@ -19,7 +19,7 @@ from tracker.formats.source_options import SourceOptions, camera_named
 from tracker.geometry import Array, Mask, Pose
 from tracker.geometry.cameras import Camera
 from tracker.geometry.ground import Ground
-from tracker.geometry.image_boxes import clipped
+from tracker.geometry.image_boxes import clipped, edges_of
 from tracker.io.json_files import read_json
 from tracker.io.mot15 import Mot15Rows, read_mot15
 from tracker.metrics.box_detection import ImageBoxes
@@ -109,10 +109,6 @@ def _frames(count: int, wanted: tuple[int, int | None] | None, path: Path) -> ra
     return range(first, count if end is None else min(end, count))
 
 
-def _edges(box: Array) -> Array:
-    return np.concatenate([box[:, :2], box[:, :2] + box[:, 2:]], axis=1)
-
-
 def _images_of_file(truth: Path, result: Path, options: SourceOptions) -> Iterator[ImageBoxes]:
     if options.cameras:
         raise ValueError(f"{truth}: --cameras is for folders; a file is of one camera")
@@ -124,7 +120,7 @@ def _images_of_file(truth: Path, result: Path, options: SourceOptions) -> Iterat
     by_frame, nowhere = rows.by_frame(), np.zeros(0, dtype=np.int64)
     for frame in _frames(max(by_frame), options.frames or found.frames, truth):
         own, (box, score) = by_frame.get(frame + 1, nowhere), boxes.get(frame, NONE)
-        image = ImageBoxes.of(_edges(rows.box[own]), _edges(box), score)
+        image = ImageBoxes.of(edges_of(rows.box[own]), edges_of(box), score)
         yield replace(image, counts=np.asarray(rows.confidence[own] != 0), world=truth.stem)
 
 
@@ -139,7 +135,7 @@ def _images_of_sequence(path: Path, result: Path, options: SourceOptions) -> Ite
         for name, boxes in found.boxes.items():
             camera = sequence.setup.mounts[name].camera
             bodies, (box, score) = true.get((frame, name), Boxes.none()), boxes.get(frame, NONE)
-            edges, n = _edges(box), len(bodies.person)
+            edges, n = edges_of(box), len(bodies.person)
             feet = np.array([place.get(person, (np.nan, np.nan)) for person in bodies.person.tolist()]).reshape(n, 2)
             # Boxes of sequences count pixels from the corner of the image, for every camera model.
             own_feet = feet_on_ground((camera, _camera_pose(sequence, name, frame)), sequence.setup.ground, edges + camera.pixel_centre - 0.5)
@@ -176,8 +172,8 @@ def _of_labels(path: Path, recording: Recording, name: str, found: tuple[range, 
     camera = recording.cameras[name].camera
     for frame in found[0]:
         box, score = found[1].get(frame, NONE)
-        labels = _edges(recording.detections.get(name, {}).get(frame, NONE)[0])
-        image = ImageBoxes.of(labels, _edges(box), score)
+        labels = edges_of(recording.detections.get(name, {}).get(frame, NONE)[0])
+        image = ImageBoxes.of(labels, edges_of(box), score)
         yield replace(image, period=float(camera.width) if camera.wraps else None, world=path.name, camera=name, frame=frame)
 
 
@@ -192,11 +188,11 @@ def _of_camera(path: Path, recording: Recording, name: str, found: tuple[range, 
         if pose is None or frame not in people.places:
             continue
         box, score = boxes.get(frame, NONE)
-        edges, (person, feet) = _edges(box), people.places[frame]
+        edges, (person, feet) = edges_of(box), people.places[frame]
         known = people.boxes.get(name, {}).get(frame)
         places = feet_on_ground((camera.camera, pose), recording.ground, edges)
         if known is not None:
-            whole, visible, own = _edges(known), np.full(len(known), np.nan), feet
+            whole, visible, own = edges_of(known), np.full(len(known), np.nan), feet
             complete = np.ones(len(edges), dtype=np.bool_)
         else:
             bodies = bodies_in_view((camera.camera, pose), person, feet, recording.pillars)

@@ -13,6 +13,7 @@ from tracker.detections.boxes import detections_from_boxes, feet_seen
 from tracker.geometry import Array, Image, Mask, Pose
 from tracker.geometry.cameras import Camera, Panorama
 from tracker.geometry.ground import Ground
+from tracker.geometry.image_boxes import edges_of
 from tracker.geometry.panoramas import PanoramicCamera
 from tracker.person_detector.found_boxes import FoundBoxes, hidden_shares, one_for_each, peaks_of
 from tracker.person_detector.magnification import SHARED, SLACK, magnified_parts
@@ -146,7 +147,7 @@ def within(found: FoundBoxes, image: NDArray[np.uint8], wraps: bool) -> FoundBox
     """The boxes with what lies outside the image cut off; those of which nothing is left are left out."""
     height, width = image.shape[:2]
     low, high = (-np.inf if wraps else 0.0, 0.0) * 2, (np.inf if wraps else width, height) * 2
-    corners, seen = (np.clip(np.hstack([box[:, :2], box[:, :2] + box[:, 2:4]]), low, high) for box in (found.box, found.visible))
+    corners, seen = (np.clip(edges_of(box), low, high) for box in (found.box, found.visible))
     hidden = None if found.hidden is None else hidden_shares(corners, seen)
     box: Array = np.concatenate([corners[:, :2], corners[:, 2:] - corners[:, :2]], axis=1)
     if wraps:

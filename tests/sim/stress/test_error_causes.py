@@ -59,7 +59,7 @@ def test_causes_of_misses(changes: dict[str, object], cause: str) -> None:
     assert found(frame(0), missed(1, **changes)) == [(1, "miss", cause)]
 
 
-def test_a_person_who_was_never_tracked_is_not_yet_believed() -> None:
+def test_a_person_who_was_never_tracked_is_not_yet_confirmed() -> None:
     assert found(missed(0)) == [(0, "miss", "not yet confirmed")]
 
 

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from sim.training.evaluation import HEIGHTS, SEEN, FoundImage, corners, feet_errors, heights_of, judged, visible_parts
+from sim.training.augmentation import visible_parts
+from sim.training.evaluation import HEIGHTS, SEEN, FoundImage, corners, feet_errors, heights_of, judged
 from sim.training.targets import targets_of
 from tracker.metrics.box_detection import WantedBodies, average_precision, box_overlaps
 from tracker.person_detector.found_boxes import FoundBoxes, peaks_of
@@ -83,7 +84,7 @@ def test_visible_parts_are_around_the_pixels_of_bodies_and_pass_the_seam():
     instances[10:30, 20:30] = 1
     instances[5:15, 95:] = instances[5:15, :4] = 2
     boxes = np.array([[20.0, 10.0, 30.0, 38.0], [92.0, 5.0, 106.0, 30.0], [50.0, 0.0, 60.0, 20.0]])
-    np.testing.assert_array_equal(visible_parts(instances, np.array([1, 2, 3]), boxes), [[20, 10, 30, 30], [95, 5, 104, 15], boxes[2]])
+    np.testing.assert_array_equal(visible_parts(instances, np.array([1, 2, 3]), boxes, True), [[20, 10, 30, 30], [95, 5, 104, 15], boxes[2]])
 
 
 def test_boxes_of_visible_parts_are_compared_with_visible_parts():
