@@ -41,7 +41,7 @@ class Tune:
     """Folder of the search: study.db (Optuna), cases, best.toml, result.json and index.html."""
     source: Positional[Annotated[Path | None, unset("[SOURCE]", "the population")]] = None
     """A recording whose fixed cameras are used, with or without truth and detections."""
-    tracker: Annotated[str, unset("MODULE:FUNCTION", "pilsim's own")] = ""
+    tracker: Annotated[str, unset("MODULE:FUNCTION", "default, pilsim's own")] = ""
     """A tracker of your own: a function of (setup, ticks) whose keyword arguments are the parameters."""
     space: Annotated[Path | None, unset("FILE.toml", "that of pilsim's own tracker")] = None
     """Parameters with their ranges: [NAME] with range = [LOW, HIGH] and log = true, or with choices = [...]."""
@@ -87,7 +87,8 @@ class Tune:
             print(json_text(found.to_dict(), indent=1))
             return
         print("\n".join(_lines(plan, found)))
-        print(f"{page}: the page; `pilsim track SOURCE --parameters {self.out / 'best.toml'}` uses the parameters")
+        use = "has the keyword arguments" if plan.tracker else "is for --parameters, as in `pilsim track SOURCE --parameters`"
+        print(f"{page}: the page; {self.out / 'best.toml'} {use}")
 
     def _plan(self) -> SearchPlan:
         from sim.stress.tracker_under_test import load_tracker
@@ -97,13 +98,14 @@ class Tune:
 
         if self.time is not None and not 0 < self.time < 1e6:
             raise ValueError(f"--time is {self.time}, needs minutes, more than 0")
-        if self.tracker and self.space is None:
+        tracker = "" if self.tracker == "default" else self.tracker
+        if tracker and self.space is None:
             raise ValueError("--tracker needs --space, a file of its parameters with their ranges")
         if self.source is None and (self.people is not None or self.part != SourcePart()):
             raise ValueError("--people and options of a source need SOURCE")
         path = self.space or OWN_SPACE
         space = read_space(path)
-        defaults = function_defaults(load_tracker(self.tracker), space, str(path)) if self.tracker else own_defaults(space, str(path))
+        defaults = function_defaults(load_tracker(tracker), space, str(path)) if tracker else own_defaults(space, str(path))
         user = None
         if self.source is not None:
             from sim.tuning.population import open_cameras
@@ -114,7 +116,7 @@ class Tune:
         source = CaseSource((self.cases or self.out / "cases").resolve(), self.seed, user)
         trials = 100 if self.trials is None and self.time is None else self.trials
         seconds = None if self.time is None else 60 * self.time
-        return SearchPlan(self.out, self.tracker, space, defaults, source, self.population, self.objective, self.sampler, self.seed, trials, seconds)
+        return SearchPlan(self.out, tracker, space, defaults, source, self.population, self.objective, self.sampler, self.seed, trials, seconds)
 
 
 def _lines(plan: SearchPlan, found: TunedResult) -> list[str]:
@@ -122,10 +124,11 @@ def _lines(plan: SearchPlan, found: TunedResult) -> list[str]:
     from sim.tuning.tuned import gain_text
 
     worse = f"{found.early} ended early as worse, {found.failed} failed"
-    default = "" if found.default_value != found.default_value else f" (default {found.default_value:.4f})"
+    known = found.default_value == found.default_value
+    default, worst = (f" (default {value:.4f})" if known else "" for value in (found.default_value, found.default_worst))
     out = [
         f"{plan.folder}: {found.trials} trials on {plan.cases} cases; {worse}",
-        f"best: trial {found.number}, {plan.objective} {found.value:.4f}{default}; mean of the worst tenth {found.worst:.4f}",
+        f"best: trial {found.number}, {plan.objective} {found.value:.4f}{default}; mean of the worst tenth {found.worst:.4f}{worst}",
     ]
     out += [f"  {name} = {value}" for name, value in found.best.items()]
     if found.held_out is not None:

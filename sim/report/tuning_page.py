@@ -28,13 +28,16 @@ from tracker.recordings import RecordingCamera
 
 PAGE, PLOTS, PICTURES = "index.html", "plots", "worst"
 QUALITY = 70
-FAILED, MOST_FAILED = "Trials without a value, with their errors", 30
+FAILED, MOST_FAILED = "Trials and runs of other cases that failed", 30
 PARTS = 8
 """Parts of the range of a parameter in which trials are averaged."""
 FIGURES = (("hota", "HOTA"), ("mota", "MOTA"), ("idf1", "IDF1"))
 GLOSSARY = (
     ("Trial", "one set of parameters, tried on case after case until it is clearly worse than the best one, or on all of them."),
-    ("Ended early", "a trial that Wilcoxon's test of paired scores found worse (p < 0.05). Its value is estimated from the cases that both have."),
+    (
+        "Ended early",
+        "a trial with a lower objective, found worse by Wilcoxon's test (p < 0.05). Its value is estimated from common cases.",
+    ),
     ("Importance", "the share of the variance of the objective that a parameter explains, by the forests of fANOVA (Hutter et al. 2014)."),
     ("Other cases", "cases of the same population that the search has not seen."),
     ("Gain", "best less default parameters, case by case. The interval is Student's t with 95 %. Where it holds 0, no gain is seen."),
@@ -113,7 +116,7 @@ def _names(plan: SearchPlan, found: TunedResult, figures: dict[str, PageFigure])
     sections |= {"slices": "Parameters"} if slices else {}
     moments = [] if found.held_out is None else list(_worst(plan, found.held_out))
     ends = {"moments": "Worst cases"} if moments else {}
-    ends |= {"failed": "Trials that failed"} if found.errors else {}
+    ends |= {"failed": "What failed"} if found.errors else {}
     return {
         "title": f"Search: {plan.folder.resolve().name}",
         "kicker": "pilsim tune",
@@ -146,11 +149,12 @@ def _headline(plan: SearchPlan, found: TunedResult) -> str:
 
 def _summary(plan: SearchPlan, found: TunedResult) -> list[tuple[str, str]]:
     who = "population" if plan.source.user is None else plan.source.user.name
+    default = f", and {found.default_worst:.3f} for the default parameters" if math.isfinite(found.default_worst) else ""
     out = [
         ("What was searched", f"{plural(len(plan.space), 'parameter')} of the tracker {plan.tracker or 'default'}, sampler {plan.sampler}."),
         ("Where", f"{plan.cases} cases of the {who}, seed {plan.source.seed}."),
         ("Trials", f"{found.trials} ended, {found.early} of them early, and {found.failed} failed."),
-        ("Worst tenth", f"The mean of the worst tenth of the cases is {found.worst:.3f} for the best trial."),
+        ("Worst tenth", f"The mean of the worst tenth of the cases is {found.worst:.3f} for the best trial{default}."),
     ]
     if found.importance:
         name, share = next(iter(found.importance.items()))

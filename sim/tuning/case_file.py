@@ -45,9 +45,9 @@ class PopulationCase:
         return f"{self.kind} {self.number}"
 
 
-def case_path(folder: Path, number: int, seed: int) -> Path:
-    """The file of a case in a folder of cases."""
-    return folder / f"case-{seed}-{number:05d}.npz"
+def case_path(folder: Path, number: int, seed: int, key: str = "") -> Path:
+    """The file of a case in a folder of cases. key: of the user's cameras, "" for the population."""
+    return folder / f"case-{seed}-{number:05d}{key and '-'}{key}.npz"
 
 
 def write_case(path: Path, case: PopulationCase) -> None:

@@ -7,8 +7,11 @@ Cases of a user's cameras have people on simulated paths. Their detectors are fi
 
 from __future__ import annotations
 
+import hashlib
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,7 +32,11 @@ from tracker.formats.opening import open_recording
 from tracker.formats.source_options import SourceOptions
 from tracker.geometry import Array, Ints, Pose
 from tracker.geometry.cameras import Camera
+from tracker.geometry.ground import Grid
+from tracker.io.json_files import json_text
+from tracker.io.resume import json_value
 from tracker.recordings import Recording, RecordingCamera
+from tracker.recordings.camera_json import camera_to
 
 KIND = "yours"
 MARGIN = 0.3
@@ -46,6 +53,8 @@ SITTING = 0.74
 """Height of a sitting person, as a share of the stature."""
 LEVELS, SIDES = (0.1, 0.3, 0.5, 0.7, 0.9), (-0.6, 0.0, 0.6)
 """Sample points of a body that may be occluded: shares of its height, and of its half width."""
+MOST_RATE = 10.0
+"""Hz: cases of a user's cameras have every n-th frame of faster recordings, so that the frames of a case last for some seconds."""
 Progress = Callable[..., Iterable[Any]]
 
 
@@ -59,6 +68,15 @@ class UserCameras:
     people: int
     models: tuple[DetectorModel, ...] = ()
 
+    @cached_property
+    def key(self) -> str:
+        """A checksum of all that the cases depend on."""
+        recording = self.recording
+        cameras = {name: camera_to(camera) for name, camera in recording.cameras.items()}
+        ground = vars(recording.ground) if isinstance(recording.ground, Grid) else {}
+        content = [cameras, recording.rate, ground, recording.height, recording.pillars, self.area, self.people, self.models]
+        return hashlib.sha256(json_text(json_value(content)).encode()).hexdigest()[:8]
+
 
 def open_cameras(path: Path, options: SourceOptions, people: int | None) -> UserCameras:
     """The cameras of a recording. people: at once; None for the mean of its truth.
@@ -67,6 +85,7 @@ def open_cameras(path: Path, options: SourceOptions, people: int | None) -> User
     It also raises it for a number of people that is missing or out of bounds.
     """
     recording = open_recording(path, options).in_step()
+    recording.check_calibrated()
     if moving := [name for name, camera in recording.cameras.items() if camera.robot is not None]:
         raise ValueError(f"{path}: camera {moving[0]} is on a robot, needs cameras that stand still; --cameras chooses some")
     known = [feet for _, feet in (recording.truth or {}).values() if len(feet)]
@@ -87,7 +106,7 @@ def open_cameras(path: Path, options: SourceOptions, people: int | None) -> User
 
 def user_case(number: int, seed: int, folder: Path, user: UserCameras) -> PopulationCase:
     """Case `number` of the user's cameras, from its file or drawn. Raises ValueError as `population`."""
-    return kept_case(folder, number, seed, lambda number, seed: _drawn(number, seed, user))
+    return kept_case(case_path(folder, number, seed, user.key), (number, seed), lambda number, seed: _drawn(number, seed, user))
 
 
 def _drawn(number: int, seed: int, user: UserCameras) -> PopulationCase:
@@ -96,7 +115,8 @@ def _drawn(number: int, seed: int, user: UserCameras) -> PopulationCase:
     at_once = max(1, round(user.people * float(rng.uniform(*NUMBERS))))
     habits = Habits(rng.uniform(0.1, 0.7), 0.0, rng.uniform(0.0, 0.1), rng.uniform(3.0, 15.0), rng.uniform(0.7, 1.3), (0.35, 0.9))
     people = at_once + int(rng.integers(0, at_once + 1))
-    made = CaseScene(around, at_once, people, habits, list(recording.cameras.values()), 0, recording.rate)
+    rate = recording.rate / max(1, math.ceil(recording.rate / MOST_RATE))
+    made = CaseScene(around, at_once, people, habits, list(recording.cameras.values()), 0, rate)
     return case_of(PopulationKey(number, seed, KIND), made, [DrawnDetector.fitted(model) for model in user.models])
 
 
@@ -134,14 +154,14 @@ def population(number: int, seed: int, folder: Path, first: int = 0, progress: P
 
 def population_case(number: int, seed: int, folder: Path) -> PopulationCase:
     """A case of the population, from its file or drawn. Raises ValueError as `population`."""
-    return kept_case(folder, number, seed, drawn_case)
+    return kept_case(case_path(folder, number, seed), (number, seed), drawn_case)
 
 
-def kept_case(folder: Path, number: int, seed: int, draw: Callable[[int, int], PopulationCase]) -> PopulationCase:
-    """A case from its file, or as `draw` draws it of number and seed. Raises ValueError as `population`."""
-    path = case_path(folder, number, seed)
+def kept_case(path: Path, key: tuple[int, int], draw: Callable[[int, int], PopulationCase]) -> PopulationCase:
+    """A case from its file, or as `draw` draws it of key, its number and seed. Raises ValueError as `population`."""
+    number, seed = key
     if not path.is_file():
-        folder.mkdir(parents=True, exist_ok=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
         write_case(path, draw(number, seed))
     # The file rounds numbers, so a drawn case is read back, too.
     found = read_case(path)

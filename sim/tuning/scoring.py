@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from sim.stress.tracker_under_test import check_estimates, load_tracker
-from sim.tuning.case_file import PopulationCase
+from sim.tuning.case_file import PopulationCase, case_path
 from sim.tuning.population import KIND, UserCameras, kind_of, population_case, user_case
 from tracker.metrics.clear_mot import score
 from tracker.metrics.evaluation import matching_frames
@@ -41,6 +41,15 @@ class CaseSource:
     def case(self, number: int) -> PopulationCase:
         """Case `number`, from its file or drawn. Raises ValueError for a file of another version."""
         return population_case(number, self.seed, self.folder) if self.user is None else user_case(number, self.seed, self.folder, self.user)
+
+    def path(self, number: int) -> Path:
+        """The file of a case."""
+        return case_path(self.folder, number, self.seed, "" if self.user is None else self.user.key)
+
+    @property
+    def name(self) -> str:
+        """The cameras of a user and their checksum; empty for the population."""
+        return "" if self.user is None else f"{self.user.name}, {self.user.key}"
 
     def kind(self, number: int) -> str:
         """The kind of a case."""

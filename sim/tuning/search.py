@@ -1,7 +1,7 @@
 """The search: a study of Optuna whose trials race over the cases, in processes of this machine or on a cluster, resumable at any time.
 
-All trials run on one case after the other, in the same order. WilcoxonPruner compares a trial with the best one so far, case by case, and ends it
-where it is worse. Its value is then that of the best trial, plus the mean difference on the cases of both.
+All trials run on one case after the other, in the same order. Wilcoxon's test compares a trial with the best one so far on the cases of both, and
+a trial that is worse ends early. Its value is then that of the best trial, plus the mean difference on these cases.
 The sampler of a trial is seeded by its number. Trials of processes that have ended are continued by others, so that a killed search with one
 worker gives the same trials. Several commands may work on one folder.
 """
@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.stats import wilcoxon
 
 from sim.tuning.scoring import Candidate, CaseSource, objective_value, score_case, worst_mean
 from sim.tuning.space import Space
@@ -69,6 +70,16 @@ class SearchPlan:
         return self.objective.split("-")[0]
 
 
+def is_worse(objective: str, mine: list[float], theirs: list[float]) -> bool:
+    """Whether scores are worse than those of another trial on the same cases: by their objective, and by Wilcoxon's signed-rank test (1945).
+
+    A trial whose worst tenth is better thus goes on where the objective holds it, although most of its scores may be lower.
+    """
+    if objective_value(objective, mine) >= objective_value(objective, theirs):
+        return False
+    return bool(wilcoxon(mine, theirs, zero_method="zsplit", alternative="less").pvalue < P_WORSE)
+
+
 @dataclass(eq=False)
 class RunningTrial:
     """A trial of this process: parameters, scores by case, cases left to run, number of cases at work, and whether it has ended."""
@@ -90,7 +101,7 @@ def open_study(plan: SearchPlan) -> Study:
     """The study of a folder, made where there is none. Raises ValueError where Optuna is missing, and for a file that is no study."""
     try:
         import optuna
-        from optuna.pruners import WilcoxonPruner
+        from optuna.pruners import NopPruner
         from optuna.storages import RDBStorage
     except ImportError:
         raise ValueError("tune needs Optuna: pip install 'pilsim[tune]'") from None
@@ -98,8 +109,7 @@ def open_study(plan: SearchPlan) -> Study:
     warnings.filterwarnings("ignore", category=optuna.exceptions.ExperimentalWarning)
     try:
         storage = RDBStorage(f"sqlite:///{(plan.folder / STUDY).resolve()}", engine_kwargs={"connect_args": {"timeout": 120}})
-        pruner = WilcoxonPruner(p_threshold=P_WORSE, n_startup_steps=LEAST_CASES)
-        return optuna.create_study(storage=storage, pruner=pruner, study_name="tune", direction="maximize", load_if_exists=True)
+        return optuna.create_study(storage=storage, pruner=NopPruner(), study_name="tune", direction="maximize", load_if_exists=True)
     except Exception as error:
         raise ValueError(f"{plan.folder / STUDY}: {' '.join(str(error).split())[:200]}") from None
 
@@ -219,9 +229,8 @@ class Search:
         if error:
             self._fail(one, error)
         elif not one.whole:
-            if not (one.scores and one.trial.should_prune()):
+            if not self._end_early(one):
                 return False
-            self._end_early(one)
         elif one.scores:
             scores = list(one.scores.values())
             one.trial.set_user_attr(WHOLE, worst_mean(scores))
@@ -231,11 +240,18 @@ class Search:
         one.ended = True
         return True
 
-    def _end_early(self, one: RunningTrial) -> None:
-        best = self.study.best_trial
+    def _end_early(self, one: RunningTrial) -> bool:
+        """End a trial that is worse than the best one, on the cases of both. Returns whether it is."""
+        whole = [known for known in self.study.get_trials(deepcopy=False) if known.value is not None and WHOLE in known.user_attrs]
+        if not whole:
+            return False
+        best = max(whole, key=lambda known: (known.value, -known.number))
         common = sorted(set(one.scores) & set(best.intermediate_values))
-        less = float(np.mean([one.scores[k] - best.intermediate_values[k] for k in common]))
-        self.study.tell(one.trial, float(best.value or 0.0) + min(less, 0.0))
+        mine, theirs = ([values[case] for case in common] for values in (one.scores, best.intermediate_values))
+        if len(common) < LEAST_CASES or not is_worse(self.plan.objective, mine, theirs):
+            return False
+        self.study.tell(one.trial, float(best.value or 0.0) + min(float(np.mean(np.subtract(mine, theirs))), 0.0))
+        return True
 
     def _fail(self, one: RunningTrial, error: str) -> None:
         import optuna

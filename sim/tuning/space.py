@@ -135,7 +135,10 @@ def own_defaults(space: Space, where: str) -> dict[str, Value]:
 
 
 def function_defaults(function: Callable[..., Any], space: Space, where: str) -> dict[str, Value]:
-    """Defaults of the keyword arguments of a tracker; those without one are left out. Raises ValueError for an argument that it does not have."""
+    """Defaults of the keyword arguments of a tracker; unknown ones of **keywords are left out.
+
+    The best parameters are compared with the default ones. So it raises ValueError for an argument that it does not have, and for one without a default.
+    """
     known = inspect.signature(function).parameters
     anything = any(one.kind is one.VAR_KEYWORD for one in known.values())
     out: dict[str, Value] = {}
@@ -143,7 +146,8 @@ def function_defaults(function: Callable[..., Any], space: Space, where: str) ->
         if one.name not in known and not anything:
             keywords = ", ".join(name for name, found in known.items() if found.default is not found.empty)
             raise ValueError(f"{where}: the tracker has no argument {one.name}, needs one of {keywords or 'its keyword arguments: it has none'}")
-        default: Any = known[one.name].default if one.name in known else inspect.Parameter.empty
-        if default is not inspect.Parameter.empty:
-            out[one.name] = default
+        if one.name in known and known[one.name].default is inspect.Parameter.empty:
+            raise ValueError(f"{where}: {one.name} has no default in the tracker, needs one")
+        if one.name in known:
+            out[one.name] = known[one.name].default
     return out

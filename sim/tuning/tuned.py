@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from sim.confidence_intervals import Interval, paired
 from sim.parallel.pool import Pool, ended, losses
-from sim.tuning.case_file import VERSION, case_path
-from sim.tuning.scoring import Candidate, draw_case, score_case
+from sim.tuning.case_file import VERSION
+from sim.tuning.scoring import FIGURES, Candidate, draw_case, score_case, worst_mean
 from sim.tuning.search import CLAIMS, STUDY, WHOLE, Search, SearchPlan, at_work, open_study
 from tracker.io.atomic import write_text
 from tracker.io.file_lock import file_lock, folder_lock
@@ -34,12 +34,16 @@ ALL = "all"
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Figures of both trackers by case: default, best. kinds: case → kind. figure: the figure of the gains."""
+    """Figures of both trackers by case: default, best. kinds: case → kind. figure: the figure of the gains.
+
+    errors: a line for each case in which a tracker failed; its figures are NaN.
+    """
 
     default: Mapping[int, Mapping[str, float]]
     best: Mapping[int, Mapping[str, float]]
     kinds: Mapping[int, str]
     figure: str
+    errors: tuple[str, ...] = ()
 
     def gains(self) -> dict[str, Interval]:
         """Best less default of the figure: of all cases, then by kind, with intervals of 95 %; kinds without cases that count are left out."""
@@ -56,6 +60,12 @@ class HeldOut:
         counted = [case for case in self.kinds if self.best[case][self.figure] == self.best[case][self.figure]]
         return sorted(counted, key=lambda case: self.best[case][self.figure])[:count]
 
+    def worst_tenths(self) -> tuple[float, float]:
+        """Means of the worst tenth of the cases with the default and with the best parameters; NaN where no case counts for both."""
+        both = [(d, b) for case in self.kinds if (d := self.default[case][self.figure]) == d and (b := self.best[case][self.figure]) == b]
+        default, best = ([pair[k] for pair in both] for k in (0, 1))
+        return (worst_mean(default), worst_mean(best)) if both else (math.nan, math.nan)
+
 
 def held_out_cases(plan: SearchPlan, count: int) -> range:
     """The cases that follow those of the search."""
@@ -66,10 +76,10 @@ def try_held_out(plan: SearchPlan, best: Mapping[str, Value], kinds: Mapping[int
     """Track the cases of `kinds` with default and with best parameters ({} where the default is best). Finished runs are kept in the folder.
 
     workers: an executor, and how many calls it takes at once. progress: wraps the iteration over runs.
-    Raises ValueError, in one line, where a tracker fails.
+    A run in which a tracker fails has an error in the result, and is repeated by the same command.
     """
     wanted = {"default": dict[str, Value](), **({"best": dict(best)} if best else {})}
-    figures = {name: dict[int, dict[str, float]]() for name in wanted}
+    figures, errors = {name: dict[int, dict[str, float]]() for name in wanted}, list[str]()
     with ExitStack() as stack:
         journals = {name: stack.enter_context(Journal(plan.folder / f"held-out-{name}.jsonl", _about(plan, of))) for name, of in wanted.items()}
         for name, journal in journals.items():
@@ -79,15 +89,22 @@ def try_held_out(plan: SearchPlan, best: Mapping[str, Value], kinds: Mapping[int
         for number, found in progress(ended(*workers, score_case, calls), total=len(left)) if left else ():
             name, case = left[number]
             if error := found.get("error"):
-                raise ValueError(f"the tracker fails with its {name} parameters: {error}")
+                errors.append(f"{name} parameters: {error}")
+                figures[name][case] = dict.fromkeys(FIGURES, math.nan)
+                continue
             journals[name].add({"case": case, "figures": found})
             figures[name][case] = found
     default, chosen = figures["default"], figures["best" if best else "default"]
-    return HeldOut({case: default[case] for case in kinds}, {case: chosen[case] for case in kinds}, kinds, plan.figure)
+    return HeldOut({case: default[case] for case in kinds}, {case: chosen[case] for case in kinds}, kinds, plan.figure, tuple(sorted(errors)))
 
 
 def _about(plan: SearchPlan, values: Mapping[str, Value]) -> dict[str, Any]:
-    return dict(json_value({"tracker": plan.tracker, "values": values, "seed": plan.source.seed, "pilsim": program_version()}))
+    return dict(json_value(_program(plan) | {"values": values, "seed": plan.source.seed}))
+
+
+def _program(plan: SearchPlan) -> dict[str, Any]:
+    """The tracker with what its scores depend on beside the cases and the parameters of a trial."""
+    return {"tracker": plan.tracker, "defaults": plan.defaults, "pilsim": program_version()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,10 +112,11 @@ class TunedResult:
     """The result of a search.
 
     best: parameters of the best whole trial. number, value: its number and objective. worst: mean of its worst tenth.
-    trials, early, failed: numbers of trials in all, of those that ended early, and of those that failed. errors: a line for each failed trial.
+    trials, early, failed: numbers of trials in all, of those that ended early, and of those that failed.
+    errors: a line for each failed trial, and for each other case in which a tracker failed.
     curve: number of each whole trial and the best objective until then. slices: parameters and objective of each trial.
     importance: shares by parameter, {} where there are too few trials. held_out: None where no other cases were asked for.
-    default_value: objective of the default parameters, NaN where they are not all known or not in the space.
+    default_value, default_worst: objective and worst tenth of the default parameters, NaN where they are not all known or not in the space.
     """
 
     best: Mapping[str, Value]
@@ -114,12 +132,15 @@ class TunedResult:
     importance: Mapping[str, float]
     held_out: HeldOut | None
     default_value: float = math.nan
+    default_worst: float = math.nan
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""
         gains = {} if self.held_out is None else {kind: vars(gain) | {"verdict": gain.verdict} for kind, gain in self.held_out.gains().items()}
-        names = ("number", "value", "worst", "default_value", "trials", "early", "failed")
-        return {"best": dict(self.best)} | {name: getattr(self, name) for name in names} | {"importance": dict(self.importance), "gains": gains}
+        names = ("number", "value", "worst", "default_value", "default_worst", "trials", "early", "failed")
+        tenths = {} if self.held_out is None else dict(zip(("default", "best"), self.held_out.worst_tenths(), strict=True))
+        found = {"importance": dict(self.importance), "gains": gains, "worst_tenths": tenths}
+        return {"best": dict(self.best)} | {name: getattr(self, name) for name in names} | found
 
 
 def tune(plan: SearchPlan, held_out: int, pool: Pool, quiet: bool = False) -> TunedResult | int:
@@ -137,11 +158,12 @@ def tune(plan: SearchPlan, held_out: int, pool: Pool, quiet: bool = False) -> Tu
         _draw(plan, numbers, workers, partial(bar, desc="cases", unit="case"))
         with bar(desc="trials", unit="trial", total=plan.trials) as shown:
             Search(plan, study).run(*workers, shown)
-        if left := at_work(plan, study):
-            return left
-        kinds = {case: plan.source.kind(case) for case in held_out_cases(plan, held_out)}
-        with folder_lock(plan.folder):
-            return _finished(plan, study, kinds, workers, partial(bar, desc="other cases", unit="run"))
+    if left := at_work(plan, study):
+        return left
+    kinds = {case: plan.source.kind(case) for case in held_out_cases(plan, held_out)}
+    # At the end of the time, runs of the search may still occupy its workers.
+    with losses(), pool.executor() as workers, folder_lock(plan.folder):
+        return _finished(plan, study, kinds, workers, partial(bar, desc="other cases", unit="run"))
 
 
 @contextmanager
@@ -149,12 +171,12 @@ def _statement(plan: SearchPlan) -> Iterator[None]:
     """Write the description of the search into the folder, locked. Raises ValueError for a folder of another search."""
     about = json_value({
         "tune": VERSION,
-        "tracker": plan.tracker,
+        **_program(plan),
         "space": plan.space,
         "objective": plan.objective,
         "sampler": plan.sampler,
         "seed": plan.seed,
-        "population": {"cases": plan.cases, "seed": plan.source.seed, "source": "" if plan.source.user is None else plan.source.user.name},
+        "population": {"cases": plan.cases, "seed": plan.source.seed, "source": plan.source.name},
     })  # fmt: skip
     with file_lock(plan.folder / CLAIMS, wait=True):
         if holds_run(plan.folder, RUN, (STUDY, ".*", "cases")):
@@ -165,16 +187,17 @@ def _statement(plan: SearchPlan) -> Iterator[None]:
 
 
 def _draw(plan: SearchPlan, numbers: list[int], workers: Workers, progress: Callable[..., Any]) -> None:
-    """Draw the cases that are missing. Raises ValueError for a folder of cases of another version."""
+    """Draw the cases that are missing. Raises ValueError, before, for a folder of cases of another version."""
     folder = plan.source.folder
     folder.mkdir(parents=True, exist_ok=True)
     # Searches that share the cases draw them one after the other.
     with file_lock(folder / CLAIMS, wait=True):
-        missing = [number for number in numbers if not case_path(folder, number, plan.source.seed).is_file()]
+        missing = [number for number in numbers if not plan.source.path(number).is_file()]
+        if there := sorted(set(numbers) - set(missing)):
+            plan.source.case(there[0])
         if missing:
             for _ in progress(ended(*workers, draw_case, ((plan.source, number) for number in missing)), total=len(missing)):
                 pass
-    plan.source.case(numbers[0])
 
 
 def _finished(plan: SearchPlan, study: Study, kinds: Mapping[int, str], workers: Workers, progress: Callable[..., Any]) -> TunedResult:
@@ -188,7 +211,7 @@ def _finished(plan: SearchPlan, study: Study, kinds: Mapping[int, str], workers:
     started = _is_default(plan, best)
     tried = None if not kinds else try_held_out(plan, {} if started else best.params, kinds, workers, progress)
     scored = [one for one in trials if one.value is not None]
-    default = next((one.value for one in whole if _is_default(plan, one)), None)
+    default = next((one for one in whole if _is_default(plan, one)), None)
     result = TunedResult(
         best.params,
         best.number,
@@ -197,12 +220,13 @@ def _finished(plan: SearchPlan, study: Study, kinds: Mapping[int, str], workers:
         sum(one.state.is_finished() for one in trials),
         len(scored) - len(whole),
         len(failed),
-        tuple(f"trial {one.number}: {one.user_attrs.get('error')}" for one in failed),
+        (*(f"trial {one.number}: {one.user_attrs.get('error')}" for one in failed), *(() if tried is None else tried.errors)),
         _curve(whole),
         tuple((one.params, float(one.value or 0.0)) for one in scored),
         _importance(study, scored),
         tried,
-        math.nan if default is None else float(default),
+        math.nan if default is None else float(default.value or 0.0),
+        math.nan if default is None else float(default.user_attrs[WHOLE]),
     )
     comments = (
         f"pilsim tune: trial {best.number} of {result.trials}, {plan.objective} {best.value:.4f} on {plan.cases} cases of seed {plan.source.seed}",
@@ -220,7 +244,9 @@ def gain_text(tried: HeldOut) -> str:
     if gain is None:
         return "no other case counts"
     text = f"gain of {tried.figure} on {len(tried.kinds)} other cases: {gain.text(4, signed=True)}"
-    return text if gain.verdict == "higher" else f"{text}: none is seen" if gain.verdict != "lower" else f"{text}: a loss"
+    verdict = {"higher": "", "lower": ": a loss"}.get(gain.verdict, ": none is seen")
+    before, after = tried.worst_tenths()
+    return f"{text}{verdict}; worst tenth {before:.4f} → {after:.4f}"
 
 
 def _is_default(plan: SearchPlan, trial: FrozenTrial) -> bool:

@@ -26,7 +26,7 @@ from sim.tuning.case_file import PopulationCase, case_path, write_case
 from sim.tuning.kinds import scene
 from sim.tuning.population import PopulationKey, case_of, kind_of
 from sim.tuning.scoring import CaseSource, objective_value
-from sim.tuning.search import SearchPlan
+from sim.tuning.search import SearchPlan, is_worse
 from sim.tuning.tuned import HeldOut, TunedResult
 from tests.benchmarks.nearest_neighbour import nearest_neighbour
 from tests.commands import pilsim
@@ -51,6 +51,13 @@ def broken(setup: Setup, ticks: Iterable[Tick], gate: float = 1.0) -> Iterator[E
     """A tracker that always gives places that are no numbers."""
     for estimate in nearest_neighbour(setup, ticks, gate):
         yield replace(estimate, position=np.full(estimate.position.shape, np.nan))
+
+
+def failing_elsewhere(setup: Setup, ticks: Iterable[Tick], gate: float = 1.0) -> Iterator[Estimate]:
+    """A tracker that fails in the first of the other cases, which it knows by its area."""
+    if setup.area is not None and np.allclose(setup.area, np.asarray(small_case(CASES).recording.area)):
+        raise ZeroDivisionError("nobody is there")
+    return nearest_neighbour(setup, ticks, gate)
 
 
 def small_case(number: int) -> PopulationCase:
@@ -97,6 +104,18 @@ def test_the_worst_tenth_counts_half_where_it_is_asked_for() -> None:
     scores = [0.0, *[0.9] * 19]
     assert objective_value("hota", scores) == pytest.approx(0.855)
     assert objective_value("hota-worst", scores) == pytest.approx((0.855 + 0.45) / 2)
+
+
+def test_a_trial_with_a_better_worst_tenth_is_not_ended_for_its_other_scores() -> None:
+    theirs = [0.1, *np.linspace(0.8, 0.9, 19).tolist()]
+    mine = [0.5, *(score - 0.01 for score in theirs[1:])]
+    assert not is_worse("hota", mine, theirs)
+    lower = [0.1, *mine[1:]]
+    assert is_worse("hota", lower, theirs)
+    shifted = [0.25, *(score - 0.01 for score in theirs[1:])]
+    assert is_worse("hota", shifted, theirs)
+    assert not is_worse("hota-worst", shifted, theirs)
+    assert not is_worse("hota", theirs, theirs)
 
 
 def test_gains_are_paired_and_by_kind() -> None:
@@ -166,6 +185,17 @@ def test_a_trial_that_fails_is_counted_and_names_its_case(words: list[str], tmp_
     failed = [line for line in done.stdout.splitlines() if line.startswith("failed: trial")]
     assert failed
     assert all("case 0 (" in line and "ZeroDivisionError: nobody is there" in line for line in failed)
+
+
+@pytest.mark.command
+def test_a_failure_on_another_case_is_named_and_the_result_is_written(words: list[str], tmp_path: Path) -> None:
+    (tmp_path / "gate.toml").write_text("[gate]\nrange = [0.5, 3.0]")
+    words = [*words, "--tracker", f"{HERE}:failing_elsewhere", "--space", str(tmp_path / "gate.toml")]
+    done = pilsim(*words, "--trials", 1, "--out", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    assert f"failed: default parameters: case {CASES} (" in done.stdout
+    assert (tmp_path / "out" / "best.toml").is_file()
+    assert (tmp_path / "out" / "index.html").is_file()
 
 
 @pytest.mark.soak

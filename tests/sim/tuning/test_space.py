@@ -82,6 +82,9 @@ def test_defaults_of_a_function_are_those_of_its_arguments(tmp_path: Path) -> No
     path.write_text("[gait]\nrange = [0.1, 2.0]")
     with pytest.raises(ValueError, match="has no argument gait, needs one of gate, least_confidence, lost"):
         function_defaults(nearest_neighbour, read_space(path), "")
+    path.write_text("[setup]\nrange = [0.1, 2.0]")
+    with pytest.raises(ValueError, match=r"^file: setup has no default in the tracker, needs one$"):
+        function_defaults(nearest_neighbour, read_space(path), "file")
 
 
 @settings(max_examples=40, deadline=None)

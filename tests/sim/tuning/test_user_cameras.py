@@ -40,6 +40,23 @@ def test_cameras_without_truth_need_a_number_of_people(calibration: Path) -> Non
     assert (user.area[1] <= [10.0, 8.0]).all()
 
 
+def test_cases_of_other_cameras_have_other_files(calibration: Path, tmp_path: Path) -> None:
+    four, five = (open_cameras(calibration, SourceOptions(), people) for people in (4, 5))
+    assert open_cameras(calibration, SourceOptions(), 4).key == four.key != five.key
+    folder = tmp_path / "cases"
+    slow = user_case(0, 1, folder, four).recording
+    user_case(0, 1, folder, five)
+    assert len(list(folder.iterdir())) == 2
+    # Of 20 frames/s, every second one is kept.
+    assert slow.rate == 10.0
+
+
+def test_cameras_without_poses_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "recording.json").write_text(json.dumps({"rate": 10.0, "cameras": {"C1": {"width": 640, "height": 480}}}))
+    with pytest.raises(ValueError, match="calibrat"):
+        open_cameras(tmp_path, SourceOptions(), 3)
+
+
 @pytest.mark.data
 def test_a_detector_is_fitted_to_each_view_of_a_recording_with_truth(data: Callable[..., Path], tmp_path: Path) -> None:
     user = open_cameras(data("cmc", "CMC1"), SourceOptions(frames=(0, 130)), None)
