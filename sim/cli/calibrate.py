@@ -81,12 +81,14 @@ class Calibrate:
     def run(self) -> None:
         from tracker.calibration import calibrate
         from tracker.formats.opening import open_recording
+        from tracker.io.atomic import check_writable
         from tracker.io.progress import progress_bar
 
         known = self._known()
         for path in (self.out, self._guess):
             if path.exists():
                 raise ValueError(f"{path}: is there already, choose another folder")
+        check_writable(self.out)
         recording = open_recording(self.source, self.choice.options(images=False), strict=False)
         try:
             found = calibrate(
@@ -124,7 +126,6 @@ class Calibrate:
     def _believed(self, recording: Recording) -> Recording:
         """The recording with the camera parameters that --from keeps. Raises ValueError where nothing is left to estimate."""
         from tracker.geometry.cameras import LensCamera
-        from tracker.recordings import RecordingCamera
 
         named = [
             *(text.partition("=")[0] for text in (*self.height, *self.pixel_aspect)),
@@ -137,9 +138,7 @@ class Calibrate:
         cameras = dict(recording.cameras)
         if self.from_ in ("nothing", "intrinsics"):
             for name, camera in recording.fixed.items():
-                model = camera.camera
-                kept = model if self.from_ == "intrinsics" or model.wraps else None
-                cameras[name] = RecordingCamera.uncalibrated(model.width, model.height, kept)
+                cameras[name] = camera.without_pose(self.from_ == "intrinsics" or camera.camera.wraps)
         same = [name for name in recording.fixed if isinstance(cameras[name].camera, LensCamera) and "K" not in cameras[name].unknown]
         if same and (self.principal or self.k1):
             print(f"--principal and --k1 change nothing of {', '.join(same)}, whose K is known; --from nothing forgets it", file=sys.stderr)
@@ -170,11 +169,24 @@ class Calibrate:
         whole = found.applied(recording)
         if found.moved_frame and (recording.truth is not None or recording.area is not None or recording.occluders is not None):
             print("truth, area and terrain of the source are left out: the new world is another one", file=sys.stderr)
+        if left := [name for name in recording.cameras if name not in whole.cameras]:
+            print(f"{', '.join(left)}: left out, as the new world is another one; cameras need boxes and to stand still", file=sys.stderr)
         folder = self._guess if found.problems else self.out
         with new_folder(folder) as part:
             write_recording(part, whole)
             write_text(part / "calibrated.json", json_text(found.to_json(), indent=1) + "\n")
-        paths, shown = tuple(place for _, place in found.paths.values()), whole.choose(list(found.cameras))
+        paths = tuple(place for _, place in found.paths.values())
+        if found.cameras:
+            self._show(recording, whole.choose(list(found.cameras)), found, paths)
+        if self.json:
+            print(json_text({"out": str(folder)} | found.to_json(), indent=1))
+        else:
+            moved = found.changes or (["nothing has moved beyond its errors"] if self.from_ == "current" and not found.problems else [])
+            reads = "" if found.problems else f"; `pilsim track {folder}` reads it"
+            print("\n".join([*found.lines(), *moved, f"{folder}: {len(found.cameras)} cameras{reads}"]))
+
+    def _show(self, recording: Recording, shown: Recording, found: Calibration, paths: tuple[Array, ...]) -> None:
+        """The picture and the page of a result with cameras. shown: the recording with them."""
         if self.picture is not None:
             _draw(shown, self.picture, paths)
         if self.page is not None:
@@ -184,11 +196,6 @@ class Calibrate:
             pictures = ({"Before": _drawn(recording, ())} if placed else {}) | {"After": _drawn(shown, paths)}
             command = command_line(self, ("picture", "page", "json"), repeated=("height", "distance", "pixel_aspect", "detections"))
             write_calibration_page(self.page, found, pictures, command)
-        if self.json:
-            print(json_text({"out": str(folder)} | found.to_json(), indent=1))
-        else:
-            moved = found.changes or (["nothing has moved beyond its errors"] if self.from_ == "current" else [])
-            print("\n".join([*found.lines(), *moved, f"{folder}: {len(found.cameras)} cameras; `pilsim track {folder}` reads it"]))
 
 
 def _draw(recording: Recording, path: Path, paths: tuple[Array, ...]) -> str:

@@ -107,7 +107,7 @@ class Check:
             if not self.json:
                 print(f"wrote {self.picture}")
         if report.unexplained:
-            hint = f"`pilsim calibrate {self.source} --from current` tells what has moved"
+            hint = f"`pilsim calibrate {self.source} --from current --out DIR` tells what has moved"
             print(f"{self.source}: something is wrong, and no known error explains it; {hint}", file=sys.stderr)
             sys.exit(1)
         if count := len(report.findings):

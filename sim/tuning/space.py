@@ -137,7 +137,8 @@ def own_defaults(space: Space, where: str) -> dict[str, Value]:
 def function_defaults(function: Callable[..., Any], space: Space, where: str) -> dict[str, Value]:
     """Defaults of the keyword arguments of a tracker; unknown ones of **keywords are left out.
 
-    The best parameters are compared with the default ones. So it raises ValueError for an argument that it does not have, and for one without a default.
+    The best parameters are compared with the default ones.
+    So it raises ValueError for an argument that it does not have, and for one without a default.
     """
     known = inspect.signature(function).parameters
     anything = any(one.kind is one.VAR_KEYWORD for one in known.values())

@@ -188,7 +188,9 @@ def _linked(table: LinkedBoxes, rate: float, period: int) -> Ints:
     live = np.zeros((0, 2), dtype=np.int64)  # row of the last box, number of the tracklet
     velocity, count = np.zeros((0, 2)), 0
     starts = np.flatnonzero(np.diff(table.frame, prepend=-1))
-    coasting = max(COASTING, 2.5 / rate)
+    # A camera may be slower than the recording.
+    periods = np.diff(table.time[starts])
+    coasting = max(COASTING, 2.5 * float(np.median(periods)) if len(periods) else 2.5 / rate)
     for first, end in zip(starts.tolist(), [*starts[1:].tolist(), len(table)], strict=True):
         now, rows = table.time[first], np.arange(first, end)
         recent = now - table.time[live[:, 0]] <= coasting + 1e-9

@@ -21,7 +21,7 @@ from tracker.calibration.people import MOST, observations
 from tracker.calibration.refinement import changes, moved_cameras, refine, unswapped
 from tracker.calibration.registration import CameraBoxes, Match, in_view, match, paths_of, placements, steps_of
 from tracker.calibration.result import Calibration, Known
-from tracker.calibration.single_view import LEAST_BOXES, ROLL_SIGMA, STATURE, USUAL_FOCAL, USUAL_HEIGHT, SingleView, single_view
+from tracker.calibration.single_view import LEAST_BOXES, ROLL_SIGMA, STATURE, USUAL_FOCAL, USUAL_HEIGHT, SingleView, log_usual_focal, single_view
 from tracker.calibration.tracklet_pairs import CLEARLY, Evidence, Paths, evidence
 from tracker.geometry import Array, Pose
 from tracker.geometry.cameras import LensCamera, Pinhole
@@ -45,7 +45,8 @@ TIGHT = 0.6
 ROUGH = (8, 2500)
 """Most steps and most boxes of an adjustment before all cameras are in the common frame."""
 LATE, ROUND = 100.0, 12.0
-"""s: times from a first box later than LATE are counted from there, less up to ROUND. That is a multiple of registration.STEP and people.SPACING."""
+"""s: times from a first box later than LATE, or before 0, are counted from there, less up to ROUND.
+ROUND is a multiple of registration.STEP and people.SPACING."""
 OTHER_CLOCK = 3.0
 """s: prior standard deviation of clock offsets."""
 PRINCIPAL, BENT = 0.02, 0.04
@@ -81,7 +82,7 @@ class _Calibrator:
         for name, camera in fixed.items():
             self._view(name, camera)
         first = min((view.table.time.min(initial=np.inf) for view in self.views.values()), default=np.inf)
-        self.begin = ROUND * np.floor(first / ROUND) if LATE < first < np.inf else 0.0
+        self.begin = ROUND * np.floor(first / ROUND) if LATE < first < np.inf or first < 0 else 0.0
         for name, view in self.views.items():
             self.views[name] = replace(view, table=replace(view.table, time=view.table.time - self.begin))
         self.steps = steps_of(self.views.values()) if self.views else 0
@@ -114,6 +115,7 @@ class _Calibrator:
     def run(self, progress: Progress | None) -> Calibration:
         if not self.views:
             return self._result(None, [])
+        before = dict(self.rows)
         if self.known.refine:
             self._forget_lost()
         pairs = [(a, b) for a, b in combinations(self.views, 2) if not {a, b} <= self.posed]
@@ -128,12 +130,12 @@ class _Calibrator:
             self.problems.append(self._why_alone(name, matches))
         self._order()
         if self.known.refine:
-            return self._refined()
+            return self._refined(before)
         self._adjust(rough=True)
         return self._result(self._adjust(TIGHT), list(self.rows))
 
-    def _refined(self) -> Calibration:
-        """The given calibration, with new values of the parameters that have changed."""
+    def _refined(self, before: Mapping[str, Array]) -> Calibration:
+        """The given calibration, with new values of the parameters that have changed. before: the rows of all cameras as given."""
         names = list(self.rows)
         lost = np.array([name not in self.posed for name in names])
         given = np.array([self.rows[name] for name in names])
@@ -158,7 +160,8 @@ class _Calibrator:
         found = self._result(adjusted, names)
         moves = np.delete(moved, OFFSET, axis=1)
         unmoved = {name: self.recording.cameras[name] for name, own in zip(names, moves, strict=True) if not own.any()}
-        return replace(found, cameras={**found.cameras, **unmoved}, moved_frame=False, changes=tuple(changes(names, given, adjusted, moved)))
+        told = tuple(changes(names, np.array([before[name] for name in names]), adjusted, moved))
+        return replace(found, cameras={**found.cameras, **unmoved}, moved_frame=False, changes=told)
 
     def _contradictions(self, adjusted: Adjusted) -> list[str]:
         """Lines on cameras with larger box errors than detectors have, and on pairs that disagree on the people in their overlap.
@@ -263,7 +266,7 @@ class _Calibrator:
         for k, name in enumerate(names):
             camera, unknown = self.views[name].camera, self.recording.cameras[name].unknown
             if isinstance(camera, LensCamera):
-                mean[k, FOCAL] = np.log(USUAL_FOCAL[0] * camera.width / camera.fx)
+                mean[k, FOCAL] = log_usual_focal(camera)
             if "K" not in unknown or not isinstance(camera, LensCamera):
                 mean[k, FOCAL], sigma[k, FOCAL] = 0.0, 0.0
             elif isinstance(camera, Pinhole):
@@ -318,7 +321,8 @@ class _Calibrator:
         for name, row in zip(names, rows, strict=True):
             given = self.recording.cameras[name]
             pose = pose_of(row)
-            ground = float(self.recording.ground.height_at(np.append(row[[X, Y]], 0.0)[None])[0])
+            # A new world has level ground at 0.
+            ground = float(self.recording.ground.height_at(np.append(row[[X, Y]], 0.0)[None])[0]) if self.posed or self.known.refine else 0.0
             pose = Pose(pose.rotation, pose.translation + np.array([0.0, 0.0, ground]))
             cameras[name] = given if name in self.posed else RecordingCamera(lens_of(given.camera, row), pose, given.robot)
             offsets[name] = float(row[OFFSET])
@@ -333,7 +337,7 @@ class _Calibrator:
             if names:
                 self.problems.append("too few boxes of people who can be told apart")
             return
-        if self.known.stature is None and not self._scaled():
+        if self.known.stature is None and not self._scaled() and not self.known.refine:
             self.problems.append("nothing gives the scale: neither a stature, nor the height of a camera, nor a distance is known")
         places = np.concatenate([place for _, place in adjusted.paths.values()])
         spread = np.sqrt(np.linalg.eigvalsh(np.cov(places.T)))
@@ -345,7 +349,9 @@ class _Calibrator:
         sigma[:, [PITCH, ROLL, YAW, X, Y]] = self._apart_from_frame(adjusted, names)
         for k, name in enumerate(names):
             distance = float(np.median(np.hypot(*(places - adjusted.rows[k, [X, Y]]).T)))
-            if sigma[k, FOCAL] > MOST_SIGMA[FOCAL]:
+            if name not in self.posed and not adjusted.edges[k].any():
+                self.problems.append(f"{name}: none of its boxes agrees with people, so nothing of it is known")
+            elif sigma[k, FOCAL] > MOST_SIGMA[FOCAL]:
                 known = f"{name}: its focal length is known to {sigma[k, FOCAL]:.0%} only"
                 self.problems.append(f"{known}: people at like distances do not tell it from pitch and height")
             elif (sigma[k, [PITCH, ROLL, YAW]] > [MOST_SIGMA[p] for p in (PITCH, ROLL, YAW)]).any():

@@ -26,8 +26,6 @@ from tracker.recordings.calibration_feet import CalibrationCase
 
 SIGNIFICANCE = 1e-4
 """Significance level of the test: its rate of false positives if errors are as modelled."""
-TESTED = 7
-"""Parameters of a camera that are tested: focal length, angles, place."""
 SIGMAS = 3.0
 """Standard deviations within which a parameter of a moved camera is reset to its given value."""
 ROUNDS = 12
@@ -60,8 +58,8 @@ def moved_cameras(views: Mapping[str, CameraBoxes], steps: int, rows: Array, fre
         tests = {int(k): _found_anew(views, steps, found, _alone(free, moved, int(k)), int(k)) for k in np.flatnonzero(~moved)}
         worst = max(tests, key=lambda k: tests[k][0])
         # Errors of the given calibration and of the box model make all cameras differ from the given values, so the median is the unit.
-        usual = max(float(np.quantile([one for one, _ in tests.values()], 0.5, method="lower")), 1.0) if len(tests) > 2 else 1.0
-        if tests[worst][0] <= usual * float(chi2.isf(SIGNIFICANCE, TESTED) / TESTED):
+        usual = max(float(np.quantile([one[0] for one in tests.values()], 0.5, method="lower")), 1.0) if len(tests) > 2 else 1.0
+        if tests[worst][0] <= usual * float(chi2.isf(SIGNIFICANCE, tests[worst][2]) / tests[worst][2]):
             break
         found, moved[worst] = tests[worst][1], True
     return found, moved
@@ -85,8 +83,8 @@ def _alone(prior: Prior, moved: Mask, k: int) -> Prior:
     return replace(prior, sigma=np.where(_free(prior, moved | (np.arange(len(moved)) == k)), prior.sigma, 0.0))
 
 
-def _found_anew(views: Mapping[str, CameraBoxes], steps: int, rows: Array, prior: Prior, k: int) -> tuple[float, Array]:
-    """Estimate camera k anew: Wald's statistic of its parameters but the clock, over their number, and the parameters (cameras, 11).
+def _found_anew(views: Mapping[str, CameraBoxes], steps: int, rows: Array, prior: Prior, k: int) -> tuple[float, Array, int]:
+    """Estimate camera k anew: Wald's statistic of its free parameters but the clock, over their number, all parameters (cameras, 11), and the number.
 
     Without boxes of people the statistic is 0.
     """
@@ -99,7 +97,7 @@ def _found_anew(views: Mapping[str, CameraBoxes], steps: int, rows: Array, prior
         for tight in TIGHTER:
             seen = observations(views, dict(zip(names, tried, strict=True)), steps, tight, MOST)
             if not len(seen.view):
-                return 0.0, rows
+                return 0.0, rows, 1
             adjusted = adjust(cameras, seen, tried, prior, FEW_ROUNDS, integrated=False)
             tried = adjusted.rows
         if best is None or adjusted.edges[k].max() < best[0].edges[k].max():
@@ -112,7 +110,7 @@ def _found_anew(views: Mapping[str, CameraBoxes], steps: int, rows: Array, prior
     own = np.setdiff1d(np.flatnonzero(prior.sigma[k] > 0), [OFFSET])
     apart, at = (found.rows - rows)[k, own], k * len(NAMES) + own
     value = float(apart @ np.linalg.pinv(found.covariance[np.ix_(at, at)], hermitian=True) @ apart)
-    return value / len(own), found.rows
+    return value / len(own), found.rows, len(own)
 
 
 def _by_itself(view: CameraBoxes, row: Array) -> Array:

@@ -141,6 +141,8 @@ def visible(view: CameraBoxes, row: Array, point: Array) -> Mask:
     """Which people at places (n, 2) m are wholly in the image of a camera, and not smaller there than its boxes."""
     box = boxes_of(view.camera, row, point, np.full(len(point), STATURE), np.array([FOOT, FOOT]))
     t = view.table
+    if not t.whole.any():
+        return np.zeros(len(point), dtype=bool)
     with np.errstate(invalid="ignore"):
         inside = (box[:, 0] > 0) & (box[:, 0] < view.camera.width) & (box[:, 1] > 0) & (box[:, 2] < view.camera.height)
         return np.asarray(inside & (box[:, 2] - box[:, 1] > np.quantile(t.height[t.whole], 0.03)))

@@ -64,11 +64,18 @@ class Calibration:
         return np.asarray(np.sqrt(s[:, X] ** 2 + s[:, Y] ** 2 + (np.exp(self.rows[:, HEIGHT]) * s[:, HEIGHT]) ** 2))
 
     def applied(self, recording: Recording) -> Recording:
-        """The recording with these cameras and clocks; without truth, area and terrain if the world frame is new."""
+        """The recording with these cameras and clocks.
+
+        If the world frame is new, truth, area and terrain are left out, as are robots and cameras without boxes. Cameras with boxes whose place is
+        not known lose their pose.
+        """
         late = {name: seconds for name, seconds in self.offsets.items() if seconds}
         changed = replace(with_offsets(recording, late), cameras={**recording.cameras, **self.cameras})
         if not self.moved_frame:
             return changed
+        changed = changed.choose([name for name in recording.fixed if name in self.cameras or recording.detections.get(name)])
+        lost = {name: camera.without_pose() for name, camera in changed.cameras.items() if name not in self.cameras}
+        changed = replace(changed, cameras={**changed.cameras, **lost})
         return replace(changed, truth=None, visible={}, area=None, ground=Flat(), occluders=None, pillars=np.zeros((0, 5)))
 
     def lines(self) -> list[str]:

@@ -143,7 +143,12 @@ def _row(focal: float, pitch: float, roll: float, height: float) -> Array:
 
 def _log_first(camera: Camera, fixed: bool) -> Array:
     """Logarithms of the focal lengths that are tried, over that of the camera as given."""
-    return np.zeros(1) if fixed or not isinstance(camera, LensCamera) else np.log(FOCALS * camera.width / camera.fx)
+    return np.zeros(1) if fixed or not isinstance(camera, LensCamera) else np.log(FOCALS * max(camera.width, camera.height) / camera.fx)
+
+
+def log_usual_focal(camera: LensCamera) -> float:
+    """Logarithm of the usual focal length, a multiple of the longer side of the image, over that of the camera as given."""
+    return float(np.log(USUAL_FOCAL[0] * max(camera.width, camera.height) / camera.fx))
 
 
 def _starts(sample: _Sample, focal: float) -> list[Array]:
@@ -190,7 +195,7 @@ def _refined(sample: _Sample, start: Array, fixed: bool, height: float | None) -
     """Maximum of the posterior from a start, whose focal length is kept if `fixed`."""
     people, n = int(sample.person.max()) + 1, len(sample.person)
     share = min(1.0, np.sqrt(INDEPENDENT / n))
-    usual = np.log(USUAL_FOCAL[0] * sample.camera.width / sample.camera.fx) if isinstance(sample.camera, LensCamera) else 0.0
+    usual = log_usual_focal(sample.camera) if isinstance(sample.camera, LensCamera) else 0.0
     level = (np.log(USUAL_HEIGHT[0]), USUAL_HEIGHT[1]) if height is None else (np.log(height), 0.01)
     order = np.argsort(sample.person, kind="stable")
     ends = np.searchsorted(sample.person[order], np.arange(people))

@@ -72,6 +72,11 @@ class RecordingCamera:
         guess = Pinhole(width, height, focal, focal * pixel_aspect(width, height), (width - 1) / 2, (height - 1) / 2)
         return RecordingCamera(camera or guess, Pose.identity(), unknown=frozenset({"pose"} if camera else {"K", "pose"}))
 
+    def without_pose(self, keep_model: bool = True) -> RecordingCamera:
+        """The camera without its pose, and without its model unless that is known and `keep_model`."""
+        model = self.camera
+        return RecordingCamera.uncalibrated(model.width, model.height, model if keep_model and "K" not in self.unknown else None)
+
     @staticmethod
     def of_opencv(camera: Camera, R: ArrayLike, t: ArrayLike, robot: str | None = None) -> RecordingCamera:
         """A camera whose extrinsics are those of OpenCV: x_camera = R x_world + t; x_camera right, down and ahead, metres."""

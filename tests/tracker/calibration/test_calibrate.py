@@ -17,9 +17,11 @@ from tests.tracker.calibration.blind_room import blind, late, place_errors, tilt
 from tests.tracker.recordings.walked_room import LENS
 from tracker.calibration import Known, calibrate
 from tracker.calibration.adjustment import GLOBAL_PRIOR
-from tracker.calibration.body import CX, CY, FOCAL, GLOBALS, PITCH, ROLL
+from tracker.calibration.body import CX, CY, FOCAL, GLOBALS, HEIGHT, PITCH, ROLL
 from tracker.calibration.calibrate import _Calibrator
+from tracker.calibration.registration import in_view
 from tracker.geometry.cameras import Pinhole
+from tracker.geometry.ground import Flat
 from tracker.recordings import Recording
 from tracker.recordings.clock_offsets import with_offsets
 from tracker.recordings.folder import read_recording, write_recording
@@ -60,6 +62,11 @@ def test_what_is_not_known_is_told_and_the_guess_stands_beside(tmp_path: Path) -
     assert "The data do not say enough" in (tmp_path / "page.html").read_text()
     assert not (tmp_path / "new").exists()
     assert (tmp_path / "new.guess" / "recording.json").is_file()
+    written(tmp_path / "short", blind(walked_room(frames=2).choose(["C1"])))
+    done = pilsim("calibrate", "short", "--out", "none", "--picture", "none.png", "--page", "none.html", cwd=tmp_path)
+    assert done.returncode == 3
+    assert done.stderr.startswith("not known: C1: ")
+    assert done.stderr.count("\n") == 1
 
 
 def test_late_times_are_counted_from_the_first_box() -> None:
@@ -68,6 +75,28 @@ def test_late_times_are_counted_from_the_first_box() -> None:
     start = _Calibrator(room, Known())
     assert (late_room.steps, late_room.begin, start.begin) == (start.steps, 3600.0, 0.0)
     np.testing.assert_allclose(late_room.views["C1"].table.time, start.views["C1"].table.time, atol=1e-9)
+
+
+def test_a_new_world_is_level_and_holds_only_what_is_known_in_it() -> None:
+    room = walked_room(frames=40)
+    boxes = {name: room.detections[name] for name in ("C1", "C2", "C3")}
+    calibrator = _Calibrator(replace(blind(room, intrinsics=True), detections=boxes, ground=Flat(1.2)), Known())
+    calibrator.rows = {name: calibrator.views[name].single.row for name in ("C1", "C2")}
+    found = calibrator._result(None, ["C1", "C2"])
+    for name, camera in found.cameras.items():
+        assert camera.pose.translation[2] == pytest.approx(np.exp(calibrator.rows[name][HEIGHT]))
+    # The poses in the recording are of another world.
+    new = found.applied(replace(room, detections=boxes))
+    assert {name: sorted(camera.unknown) for name, camera in new.cameras.items()} == {"C1": [], "C2": [], "C3": ["pose"]}
+
+
+def test_a_camera_without_whole_bodies_sees_nobody() -> None:
+    room = walked_room(frames=40).choose(["C1", "C2"])
+    calibrator = _Calibrator(room, Known())
+    view = calibrator.views["C1"]
+    cut = replace(view, table=replace(view.table, whole=np.zeros(len(view.table), dtype=bool)))
+    assert in_view(view, calibrator.rows["C1"], calibrator._walked("C2", calibrator.rows["C2"])) > 0
+    assert in_view(cut, calibrator.rows["C1"], calibrator._walked("C2", calibrator.rows["C2"])) == 0
 
 
 def test_bodies_that_do_not_exist_are_told() -> None:
@@ -86,6 +115,9 @@ def test_bodies_that_do_not_exist_are_told() -> None:
 
 def test_lens_parameters_that_are_not_estimated_are_named(capsys: pytest.CaptureFixture[str]) -> None:
     room = walked_room(frames=40).choose(["C1", "C2"])
+    guessed = replace(room.cameras["C2"], unknown=frozenset({"K", "pose"}))
+    believed = Calibrate(Path("room"), Path("new"), "intrinsics")._believed(replace(room, cameras=room.cameras | {"C2": guessed}))
+    assert [sorted(camera.unknown) for camera in believed.cameras.values()] == [["pose"], ["K", "pose"]]
     for source, said in (("current", True), ("nothing", False)):
         Calibrate(Path("room"), Path("new"), source, k1=True)._believed(room)
         line = "--principal and --k1 change nothing of C1, C2, whose K is known; --from nothing forgets it\n"
