@@ -131,7 +131,8 @@ class Place:
             from sim.policies.rollouts import table
 
             every = [one for of in outcomes.values() for one in of]
-            draw(table(every), f"{', '.join(outcomes)}, {self.episodes} episode{'s' * (self.episodes != 1)}", self.picture)
+            each = " each" * (len(outcomes) > 1)
+            draw(table(every), f"{', '.join(outcomes)}, {self.episodes} episode{'s' * (self.episodes != 1)}{each}", self.picture)
         if self.page is not None:
             from sim.report.placement_page import PlacementRun, write_placement_page
 

@@ -56,6 +56,7 @@ class Placement(gymnasium.Env[Observation, Array]):
         self.observation_space = space_of(self.config)  # type: ignore[assignment]
         self.action_space = spaces.Box(-1.0, 1.0, (self.config.robots, 2), np.float32)  # type: ignore[assignment]
         self.episode: Episode | None = None
+        self._ended = False
         self._key = Episode.key(self.config, 0)
         if self.config.map_seed is not None:
             # Gymnasium makes one environment before it forks the processes of make_vec, which then share the memory of this map.
@@ -74,21 +75,21 @@ class Placement(gymnasium.Env[Observation, Array]):
         if seed is not None:
             self._key = Episode.key(self.config, seed)
         self.episode = Episode.begin(self.config, self._key, self.np_random, (options or {}).get("starts"))
+        self._ended = False
         return self._observation(self.episode), {"map_seed": self._key.seed}
 
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Advance by one decision. Raises ResetNeeded before `reset` and after the end, and ValueError for a wrong shape or an infinite action."""
         episode = self.episode
-        if episode is None:
+        if episode is None or self._ended:
             raise ResetNeeded("step is called before reset, or after the end of the episode: call reset first")
         terms = episode.step(checked_action(action, (self.config.robots, 2)))
         if callable(self.reward) or GOSPA in self.reward:
             terms = terms | {GOSPA: episode.relative_gospa()}
         reward = reward_of(self.reward, terms)
-        observation, terminated = self._observation(episode), episode.all_tipped
-        if terminated:
-            self.episode = None
-        return observation, reward, terminated, False, dict(terms)
+        # The last situation can still be drawn.
+        observation, self._ended = self._observation(episode), episode.all_tipped
+        return observation, reward, self._ended, False, dict(terms)
 
     def render(self) -> np.ndarray | None:
         """(H, W, 3) uint8 RGB: the plan view, or the panorama of robot `panorama`. None without a render_mode."""

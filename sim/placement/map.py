@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import NamedTuple
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -219,9 +220,20 @@ class PlacementMap:
         return CrowdState(body, 0.0, state.entered)
 
 
-@lru_cache(maxsize=CACHED_MAPS)
+_in_use: WeakValueDictionary[MapKey, PlacementMap] = WeakValueDictionary()
+"""The maps of all episodes, also where they are more than the cache holds."""
+
+
 def map_of(key: MapKey) -> PlacementMap:
-    """The map of a key, cached. Raises ValueError for an unknown world or a number out of bounds."""
+    """The map of a key: the one in use, a cached one, or a new one. Raises ValueError for an unknown world or a number out of bounds."""
+    found = _in_use.get(key)
+    if found is None:
+        found = _in_use[key] = _built(key)
+    return found
+
+
+@lru_cache(maxsize=CACHED_MAPS)
+def _built(key: MapKey) -> PlacementMap:
     scenario = Scenario(world=key.world, difficulty=key.difficulty, seed=key.seed, people=key.people)
     world = catalogue.build(key.world, scenario.stream("world"), key.difficulty)
     people = [scenario.stream(f"person_{i}") for i in range(1, key.people + 1)]

@@ -18,6 +18,7 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
+from sim.placement.config import SEEDS_PER_MAP
 from sim.placement.env import Placement
 from sim.placement.episode import Episode, Reward, reward_of
 from sim.policies.planning import PEOPLE_FEATURES, ChoiceFeatures
@@ -31,8 +32,8 @@ MAPS = 16
 """Number of training maps: as many as are cached."""
 LENGTH = 240
 """Decisions per episode."""
-STRIDE = 5
-"""Difference between the numbers of two consecutive episodes of a team."""
+STRIDE = 7
+"""Difference between the numbers of two consecutive episodes of a team. It has no factor in common with the number of seeds, so that all come."""
 WIDTH, PERSON_WIDTH = 48, 16
 """Units of a hidden layer, and of a hidden layer of the network that encodes a person."""
 PEOPLE_SCALE = 10.0
@@ -61,10 +62,8 @@ class Team:
 
     def reset(self) -> NDArray[np.float32]:
         """Begin the next episode. Returns the features of each robot's choices, (r, n)."""
-        # Ten consecutive seeds share a map: each team starts on its own map and moves on to others.
-        k, maps = self.number, max(1, MAPS // self.worlds)
-        observation, _ = self.env.reset(seed=TRAINING_SEED + 10 * (k % maps) + (k // maps) % 10)
-        self.number, self.rewards = k + STRIDE, []
+        observation, _ = self.env.reset(seed=training_seed(self.number, self.worlds))
+        self.number, self.rewards = self.number + STRIDE, []
         self.features = ChoiceFeatures(TeamKnowledge.of(self.episode, observation))
         return self._choice_features(observation)
 
@@ -93,6 +92,12 @@ class Team:
         found = np.concatenate([choices.reshape(len(choices), -1), people.reshape(len(choices), -1)], axis=1)
         out[:, : found.shape[1]] = found
         return out
+
+
+def training_seed(number: int, worlds: int) -> int:
+    """The seed of an episode. Ten consecutive seeds share a map: each team starts on its own map and moves on to others."""
+    maps = max(1, MAPS // worlds)
+    return TRAINING_SEED + SEEDS_PER_MAP * (number % maps) + (number // maps) % SEEDS_PER_MAP
 
 
 def row_length(people: int) -> int:

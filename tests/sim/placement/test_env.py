@@ -130,6 +130,11 @@ def test_episodes_are_truncated_by_time_and_terminate_when_all_robots_tip():
     assert reward < -10
     with pytest.raises(ResetNeeded):
         env.unwrapped.step(env.action_space.sample())
+    # Wrappers that record videos draw the end of an episode.
+    env.unwrapped.render_mode = "rgb_array"
+    assert env.unwrapped.render().ndim == 3
+    env.reset(seed=1)
+    env.step(env.action_space.sample())
 
 
 @pytest.mark.parametrize(

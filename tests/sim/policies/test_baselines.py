@@ -149,7 +149,7 @@ def test_an_interrupted_training_resumes_with_the_episodes_that_follow(tmp_path)
     import torch
 
     from sim.policies.training import _new_or_resumed, _save
-    from sim.policies.vector_env import STRIDE, TeamVecEnv
+    from sim.policies.vector_env import STRIDE, TeamVecEnv, training_seed
 
     envs = TeamVecEnv(OPTIONS, 2)
     model, curve = _new_or_resumed(envs, tmp_path, 1280, 7)
@@ -159,6 +159,9 @@ def test_an_interrupted_training_resumes_with_the_episodes_that_follow(tmp_path)
     resumed = TeamVecEnv(OPTIONS, 2)
     _new_or_resumed(resumed, tmp_path, 1280, 7)
     assert [team.number + STRIDE for team in resumed.teams] == [team.number for team in envs.teams]
+    # A team comes through all episodes of its world.
+    for worlds, episodes in ((1, 160), (6, 20)):
+        assert len({training_seed(3 + STRIDE * k, worlds) for k in range(episodes)}) == episodes
     assert torch.initial_seed() == 7 + 240
 
 
