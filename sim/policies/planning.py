@@ -9,12 +9,13 @@ Features of people for a learned policy give the information that a robot's choi
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.placement.config import FRAMES_PER_DECISION
+from sim.placement.config import DECISION_RATE, FRAMES_PER_DECISION
 from sim.placement.episode import detector_row
 from sim.placement.information import (
     LOST_SIGMA,
@@ -24,10 +25,11 @@ from sim.placement.information import (
     started_robots,
     update_person,
 )
-from sim.placement.map import CAMERA_HEIGHT, CHEST_HEIGHT, PlacementMap
+from sim.placement.map import CHEST_HEIGHT, PlacementMap
 from sim.placement.visibility import sees
 from sim.policies.policy import TeamKnowledge, waypoint_action
 from sim.policies.waypoints import RECOVERY_TIME, UnseenMap, WaypointFeatures
+from sim.robots.driving import TOP_YAW_RATE
 from tracker.geometry import Array, Mask
 from tracker.geometry.compilation import njit
 
@@ -52,8 +54,8 @@ SWITCHING_GAIN = 0.05
 """Advantage over the present goal that another goal needs, nats."""
 MOST_GOALS = 48
 """Largest number of goals that predictive compares per robot; longer lists are subsampled evenly."""
-DRIVING_SPEED = 1.2
-"""Assumed speed along a planned path, m/s. With a lower speed, paths end before the informative places."""
+DRIVING_SPEED = 0.6
+"""Assumed speed along a planned path, m/s, once a robot has turned to it: less than the highest speed, as robots slow down in turns."""
 ROUNDS = 2
 """Rounds in which the robots choose in turn, each given the choices of the others."""
 REPEATED_VIEW_GAIN = (1.0, 0.4, 0.1)
@@ -74,7 +76,7 @@ def people_features(knowledge: TeamKnowledge, choices: NDArray[np.int64], bound_
     """
     ahead = PeopleAhead.of(knowledge, np.array([AHEAD]))
     used, rows = np.unique(np.concatenate([choices.ravel(), bound_for]), return_inverse=True)
-    table = information_from(knowledge, used, ahead)[:, 0]
+    table = information_from(knowledge, knowledge.place.roadmap.nodes[used][:, None], ahead)[:, 0]
     out = np.zeros((len(choices), len(ahead.bounds), choices.shape[1], PEOPLE_FEATURES), dtype=np.float32)
     _fill(
         out,
@@ -151,15 +153,18 @@ class PeopleAhead:
         return PeopleAhead(times, knowledge.position + ahead[:, None, None] * knowledge.velocity, bounds)
 
 
-def information_from(knowledge: TeamKnowledge, nodes: NDArray[np.int64], forecast: PeopleAhead) -> Array:
-    """Expected information (n, T, k, 2, 2), 1/m², of one frame from each of these nodes about each person at each time."""
+def information_from(knowledge: TeamKnowledge, places: Array, forecast: PeopleAhead) -> Array:
+    """Expected information (n, T, k, 2, 2), 1/m², of one frame about each person from places (n, T, 2) m at the times of the forecast."""
     place, config = knowledge.place, knowledge.config
-    cameras = place.node_cameras[nodes]
-    flat = forecast.feet.reshape(-1, 2)
-    chests = np.column_stack([flat, place.floor_at(flat) + CHEST_HEIGHT]).reshape(*forecast.feet.shape[:2], 3)
-    return np.asarray(
-        _information_from(place.scene.top, place.scene.frame, (cameras, chests), (detector_row(config), started_robots(1)[0], config.reach))
-    )
+    cameras, chests = (_above(place, points, height) for points, height in ((places, config.camera_height), (forecast.feet, CHEST_HEIGHT)))
+    settings = detector_row(config), started_robots(1)[0], config.reach, config.camera_height
+    return np.asarray(_information_from(place.scene.top, place.scene.frame, (cameras, chests), settings))
+
+
+def _above(place: PlacementMap, points: Array, height: float) -> Array:
+    """Points (..., 3) m at a height above the floor at points (..., 2) m."""
+    z = place.floor_at(points.reshape(-1, 2)) + height
+    return np.concatenate([points, z.reshape(*points.shape[:-1], 1)], axis=-1)
 
 
 class Greedy:
@@ -169,7 +174,7 @@ class Greedy:
     """
 
     action = "waypoint"
-    times = np.array([1.5])
+    times, frames = np.array([1.5]), FRAMES_PER_DECISION
 
     def begin(self, knowledge: TeamKnowledge, rng: np.random.Generator) -> None:
         self._goals = knowledge.place.roadmap.nearest(knowledge.robots[:, :2])
@@ -180,20 +185,18 @@ class Greedy:
         here = self._unseen.update(knowledge, knowledge.config.period / RECOVERY_TIME)
         forecast = PeopleAhead.of(knowledge, self.times)
         goals = [self._candidates(place, int(node), int(goal)) for node, goal in zip(here, self._goals, strict=True)]
-        ways = [self._ways(place, int(node), row) for node, row in zip(here, goals, strict=True)]
-        used, numbered = np.unique(np.concatenate([way.ravel() for way in ways]), return_inverse=True)
-        numbers = [part.reshape(way.shape) for part, way in zip(np.split(numbered, np.cumsum([way.size for way in ways])[:-1]), ways, strict=True)]
-        table = information_from(knowledge, used, forecast)
-        visible = place.visible_from_nodes(knowledge.config.reach)[used]
+        ways = [self._ways(place, *of) for of in zip(knowledge.robots, here, goals, strict=True)]
+        tables = [information_from(knowledge, way, forecast) for way in ways]
+        visible = place.visible_from_nodes(knowledge.config.reach)
+        ends = [visible[place.roadmap.nearest(way[:, -1])] for way in ways]
         unknown = max(knowledge.config.people - len(knowledge.position), 0) * 2.0 * math.log(LOST_SIGMA / FOUND_SIGMA) / len(self._unseen.density)
         chosen = [0] * len(here)
         for _ in range(ROUNDS):
             for k in range(len(here)):
-                others = [numbers[q][chosen[q]] for q in range(len(here)) if q != k]
-                value = team_values(forecast, table, numbers[k], others)
-                value += unknown * self._unknown_found(visible, numbers[k], others)
-                chosen[k] = self._best(place, value, goals[k], place.roadmap.distance[here[k]][goals[k]],
-                                       [goals[q][chosen[q]] for q in range(len(here)) if q != k])  # fmt: skip
+                others = [q for q in range(len(here)) if q != k]
+                value = team_values(forecast, self.frames, tables[k], [tables[q][chosen[q]] for q in others])
+                value += unknown * self._unknown_found(ends[k], [ends[q][chosen[q]] for q in others])
+                chosen[k] = self._best(place, value, goals[k], place.roadmap.distance[here[k]][goals[k]], [goals[q][chosen[q]] for q in others])
         self._goals = np.array([row[c] for row, c in zip(goals, chosen, strict=True)])
         return waypoint_action(place, self._goals)
 
@@ -202,14 +205,17 @@ class Greedy:
         near = np.flatnonzero(place.roadmap.distance[node] <= MAX_PATH)
         return np.concatenate([[goal], near[near != goal]])
 
-    def _ways(self, place: PlacementMap, node: int, goals: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Assumed nodes (n, T) of a robot at each time: here always the goal."""
-        return np.repeat(goals[:, None], len(self.times), axis=1)
+    def _ways(self, place: PlacementMap, robot: Array, node: int, goals: NDArray[np.int64]) -> Array:
+        """Assumed places (n, T, 2) m of a robot at each time: here always the goal. robot (3,): x, y m and yaw rad."""
+        return np.repeat(place.roadmap.nodes[goals][:, None], len(self.times), axis=1)
 
-    def _unknown_found(self, visible: Mask, numbers: NDArray[np.int64], others: list[NDArray[np.int64]]) -> Array:
-        """Weighted expected number (n,) of unknown people seen at the end of each way."""
-        views = sum((visible[way[-1]].astype(np.int64) for way in others), np.zeros(visible.shape[1], dtype=np.int64))
-        return np.asarray(visible[numbers[:, -1]] @ (self._unseen.density * np.take(REPEATED_VIEW_GAIN, np.minimum(views, 2))))
+    def _unknown_found(self, visible: Mask, others: list[Mask]) -> Array:
+        """Weighted expected number (n,) of unknown people seen at the end of each way.
+
+        visible (n, points), others (points,): what the robot and each other one sees there.
+        """
+        views = sum((one.astype(np.int64) for one in others), np.zeros(visible.shape[1], dtype=np.int64))
+        return np.asarray(visible @ (self._unseen.density * np.take(REPEATED_VIEW_GAIN, np.minimum(views, 2))))
 
     def _best(self, place: PlacementMap, value: Array, goals: NDArray[np.int64], path: Array, others: list[int]) -> int:
         """Index of the goal with the highest value. Another goal replaces the present goal only if it is better by SWITCHING_GAIN."""
@@ -226,67 +232,81 @@ class Predictive(Greedy):
     """Model predictive control: each robot compares paths over the next 7.5 s, during which people move."""
 
     times = np.arange(1.0, 6.0) * 1.5
+    frames = round(1.5 * DECISION_RATE) * FRAMES_PER_DECISION
 
     def _candidates(self, place: PlacementMap, node: int, goal: int) -> NDArray[np.int64]:
         found = super()._candidates(place, node, goal)
         return np.concatenate([found[:1], found[1:][:: max(1, math.ceil((len(found) - 1) / MOST_GOALS))]])
 
-    def _ways(self, place: PlacementMap, node: int, goals: NDArray[np.int64]) -> NDArray[np.int64]:
-        return np.asarray(_nodes_at(node, goals, place.roadmap.next_node, place.roadmap.distance[node], self.times * DRIVING_SPEED))
+    def _ways(self, place: PlacementMap, robot: Array, node: int, goals: NDArray[np.int64]) -> Array:
+        return np.asarray(_places_at(robot, node, goals, (place.roadmap.nodes, place.roadmap.next_node), (self.times, DRIVING_SPEED, TOP_YAW_RATE)))
 
     def _discounted(self, gain: Array, path: Array) -> Array:
         return gain
 
 
-def team_values(forecast: PeopleAhead, table: Array, ways: NDArray[np.int64], others: list[NDArray[np.int64]]) -> Array:
-    """Expected information (n,), nats, summed over people and averaged over times, if one robot takes each of its ways (n, T).
+def team_values(forecast: PeopleAhead, frames: int, own: Array, others: Sequence[Array]) -> Array:
+    """Expected information (n,), nats, summed over people and averaged over times, if one robot takes each of its n ways.
 
-    table: information_from the nodes. ways: rows of table. others: the ways (T,) of the other robots.
+    frames: number of frames until each time. own (n, T, k, 2, 2), others (T, k, 2, 2): of `information_from`, by this robot and
+    by each other one.
     """
-    fixed = np.zeros(table.shape[1:])
-    for way in others:
-        fixed += table[way, np.arange(len(forecast.times))]
-    return np.asarray(_team_values(forecast.bounds, np.diff(forecast.times, prepend=0.0), table, ways, fixed))
+    fixed = sum(others, np.zeros(own.shape[1:]))
+    return np.asarray(_team_values(forecast.bounds, np.diff(forecast.times, prepend=0.0), frames, own, fixed))
 
 
 @njit(cache=True)
-def _team_values(bounds, steps, table, ways, fixed):  # type: ignore[no-untyped-def]
-    out, P = np.zeros(len(ways)), np.empty((4, 4))
-    for w in range(len(ways)):
+def _team_values(bounds, steps, frames, own, fixed):  # type: ignore[no-untyped-def]
+    out, P = np.zeros(len(own)), np.empty((4, 4))
+    for w in range(len(own)):
         for k in range(len(bounds)):
             P[:] = bounds[k]
             for t in range(len(steps)):
                 predict_person(P, steps[t])
-                # All frames of a decision count, as in the reward.
-                update_person(P, FRAMES_PER_DECISION * (fixed[t, k] + table[ways[w, t], t, k]))
+                update_person(P, frames * (fixed[t, k] + own[w, t, k]))
                 out[w] += nats(P) / len(steps)
     return out
 
 
 @njit(cache=True)
 def _information_from(top, frame, lines, settings):  # type: ignore[no-untyped-def]
-    """`information_from` between cameras (n, 3) m and chests (T, k, 3) m over a map's columns. settings: detector, bound of a robot, reach m."""
-    (cameras, chests), (detector, robot, reach) = lines, settings
+    """`information_from` between cameras (n, T, 3) m and chests (T, k, 3) m over a map's columns.
+
+    settings: detector, bound of a robot, reach m, height of a camera m.
+    """
+    (cameras, chests), (detector, robot, reach, height) = lines, settings
     out = np.zeros((len(cameras), chests.shape[0], chests.shape[1], 2, 2))
     for n in range(len(cameras)):
         for t in range(chests.shape[0]):
+            camera = cameras[n, t, 0], cameras[n, t, 1], cameras[n, t, 2]
             for k in range(chests.shape[1]):
-                dx, dy = chests[t, k, 0] - cameras[n, 0], chests[t, k, 1] - cameras[n, 1]
+                dx, dy = chests[t, k, 0] - camera[0], chests[t, k, 1] - camera[1]
                 r = math.sqrt(dx * dx + dy * dy) + 1e-9
-                camera, chest = (cameras[n, 0], cameras[n, 1], cameras[n, 2]), (chests[t, k, 0], chests[t, k, 1], chests[t, k, 2])
-                if r < reach and sees(top, frame, camera, chest, 1.0):
-                    add_view(detector, robot, (r, CAMERA_HEIGHT, STATURE), (dx / r, dy / r), 1.0, out[n, t, k])
+                if r < reach and sees(top, frame, camera, (chests[t, k, 0], chests[t, k, 1], chests[t, k, 2]), 1.0):
+                    add_view(detector, robot, (r, height, STATURE), (dx / r, dy / r), 1.0, out[n, t, k])
     return out
 
 
 @njit(cache=True)
-def _nodes_at(node, goals, next_node, distance, driven):  # type: ignore[no-untyped-def]
-    """The nodes (n, T) on the ways from a node to goals (n,) after distances driven (T,) m. distance: from the node to all nodes, m."""
-    out = np.empty((len(goals), len(driven)), np.int64)
+def _places_at(robot, node, goals, graph, pace):  # type: ignore[no-untyped-def]
+    """Places (n, T, 2) m of a robot (3,) near a node, on its ways to goals (n,), which it turns to first.
+
+    graph: nodes and next_node of the roadmap. pace: times (T,) s, speed m/s, yaw rate rad/s.
+    """
+    (nodes, next_node), (times, speed, rate) = graph, pace
+    out = np.empty((len(goals), len(times), 2))
     for g in range(len(goals)):
-        at = node
-        for t in range(len(driven)):
-            while at != goals[g] and distance[next_node[at, goals[g]]] <= driven[t]:
-                at = next_node[at, goals[g]]
-            out[g, t] = at
+        x, y, driven, target = robot[0], robot[1], 0.0, next_node[node, goals[g]]
+        turn = (math.atan2(nodes[target, 1] - y, nodes[target, 0] - x) - robot[2] + math.pi) % (2 * math.pi) - math.pi
+        for t in range(len(times)):
+            far = max(times[t] - abs(turn) / rate, 0.0) * speed - driven
+            while True:
+                dx, dy = nodes[target, 0] - x, nodes[target, 1] - y
+                step = math.sqrt(dx * dx + dy * dy)
+                if step > far or target == goals[g]:
+                    break
+                x, y, driven, far = nodes[target, 0], nodes[target, 1], driven + step, far - step
+                target = next_node[target, goals[g]]
+            share = min(far / max(step, 1e-9), 1.0)
+            out[g, t, 0], out[g, t, 1] = x + share * dx, y + share * dy
     return out

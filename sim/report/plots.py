@@ -49,6 +49,8 @@ SIZE = (4.7, 3.5)
 """Inches. Text of 11 points is then legible on a phone."""
 LONGEST = 36
 """The greatest number of letters of a name on an axis."""
+MOST_SLANTED, LEAST_APART = 8, 0.12
+"""Most slanted labels of an axis, beyond which they are upright, and least distance of labelled numbers, a share of the axis."""
 
 
 @dataclass(frozen=True)
@@ -333,9 +335,10 @@ def _places(axes: Any, plot: Plot) -> np.ndarray:
         axes.set_xticks(range(len(plot.x)), [shortened(x) for x in plot.x])
         axes.margins(x=0.1)
         if _longest(plot) * len(plot.x) > 34:
-            axes.tick_params(axis="x", rotation=30)
+            upright = len(plot.x) > MOST_SLANTED
+            axes.tick_params(axis="x", rotation=90 if upright else 30)
             for label in axes.get_xticklabels():
-                label.set_horizontalalignment("right")
+                label.set_horizontalalignment("center" if upright else "right")
         return np.arange(len(plot.x), dtype=np.float64)
     places = np.array(plot.x, dtype=np.float64)
     logarithmic = len(places) > 1 and places.min() > 0 and places.max() / places.min() >= 8
@@ -344,7 +347,7 @@ def _places(axes: Any, plot: Plot) -> np.ndarray:
     scale = np.log(places) if logarithmic else places
     span, last, ticks = max(float(np.ptp(scale)), 1e-12), -np.inf, []
     for place, at in zip(places, scale, strict=True):
-        if at - last >= 0.075 * span:
+        if at - last >= LEAST_APART * span:
             ticks.append(place)
             last = at
     axes.set_xticks(ticks, [f"{place:g}" for place in ticks])

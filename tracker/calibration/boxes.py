@@ -37,6 +37,8 @@ GROWTH = (0.12, 0.6)
 """Gate of the change of the logarithm of a box's height: constant part, and part per second."""
 COASTING = 0.8
 """s without a box after which a tracklet ends; at least two frames."""
+SLOWEST = 1.0
+"""s: longest period of a camera whose boxes are linked."""
 SMOOTHING = 0.3
 """s over which velocities in the image are averaged."""
 WALKING = (1.5, 0.5)
@@ -188,9 +190,9 @@ def _linked(table: LinkedBoxes, rate: float, period: int) -> Ints:
     live = np.zeros((0, 2), dtype=np.int64)  # row of the last box, number of the tracklet
     velocity, count = np.zeros((0, 2)), 0
     starts = np.flatnonzero(np.diff(table.frame, prepend=-1))
-    # A camera may be slower than the recording.
+    # A camera may be slower than the recording. Boxes that are seconds apart are no path.
     periods = np.diff(table.time[starts])
-    coasting = max(COASTING, 2.5 * float(np.median(periods)) if len(periods) else 2.5 / rate)
+    coasting = max(COASTING, 2.5 * min(float(np.median(periods)), SLOWEST) if len(periods) else 2.5 / rate)
     for first, end in zip(starts.tolist(), [*starts[1:].tolist(), len(table)], strict=True):
         now, rows = table.time[first], np.arange(first, end)
         recent = now - table.time[live[:, 0]] <= coasting + 1e-9

@@ -135,7 +135,7 @@ class _Calibrator:
         return self._result(self._adjust(TIGHT), list(self.rows))
 
     def _refined(self, before: Mapping[str, Array]) -> Calibration:
-        """The given calibration, with new values of the parameters that have changed. before: the rows of all cameras as given."""
+        """The given calibration, with new values of the parameters that have changed. before: the rows of cameras as given."""
         names = list(self.rows)
         lost = np.array([name not in self.posed for name in names])
         given = np.array([self.rows[name] for name in names])
@@ -160,7 +160,7 @@ class _Calibrator:
         found = self._result(adjusted, names)
         moves = np.delete(moved, OFFSET, axis=1)
         unmoved = {name: self.recording.cameras[name] for name, own in zip(names, moves, strict=True) if not own.any()}
-        told = tuple(changes(names, np.array([before[name] for name in names]), adjusted, moved))
+        told = tuple(changes(names, np.array([before.get(name, row) for name, row in zip(names, given, strict=True)]), adjusted, moved))
         return replace(found, cameras={**found.cameras, **unmoved}, moved_frame=False, changes=told)
 
     def _contradictions(self, adjusted: Adjusted) -> list[str]:

@@ -17,7 +17,7 @@ from sim.cli.options import SceneOptions
 from sim.cli.place import Place
 from sim.placement.config import PlacementConfig
 from sim.placement.map import MapKey, map_of
-from sim.policies.planning import PeopleAhead, information_from, team_values
+from sim.policies.planning import PeopleAhead, _places_at, information_from, team_values
 from sim.policies.policy import TeamKnowledge, best_ring
 from sim.policies.rollouts import EpisodeResult, compare, differences, draw, policy_of, run_episodes, table, text
 
@@ -99,13 +99,24 @@ def test_information_of_a_plan_grows_with_views():
     config = PlacementConfig(**OPTIONS, detector_model="fairmot")
     known = TeamKnowledge(place, config, np.zeros((1, 3)), position, np.zeros((2, 2)), np.tile(np.eye(2), (2, 1, 1)), {})
     ahead = PeopleAhead.of(known, np.array([1.5]))
-    nodes = np.arange(len(place.roadmap.nodes))
-    table = information_from(known, nodes, ahead)
+    table = information_from(known, place.roadmap.nodes[:, None], ahead)
     seen = table[:, 0].any(axis=(2, 3)).sum(axis=1)
-    alone = team_values(ahead, table, nodes[:, None], [])
+    alone = team_values(ahead, 3, table, [])
     assert (alone[seen == 0] == alone.min()).all()
     assert alone[seen == 2].min() > alone[seen == 0].max()
-    assert (team_values(ahead, table, nodes[:, None], [nodes[[int(np.argmax(alone))]]]) >= alone.max() - 1e-9).all()
+    assert (team_values(ahead, 3, table, [table[int(np.argmax(alone))]]) >= alone.max() - 1e-9).all()
+
+
+def test_planned_robots_turn_then_drive_along_the_roadmap_and_stop_at_the_goal():
+    nodes = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 2.0]])
+    next_node = np.array([[0, 1, 1], [0, 1, 2], [1, 1, 2]], dtype=np.int32)
+    times = np.array([1.0, 2.0, 3.0, 9.0])
+    ways = _places_at(np.array([0.0, 0.0, 0.0]), 0, np.array([0, 2]), (nodes, next_node), (times, 0.8, 0.8))
+    np.testing.assert_allclose(ways[0], 0.0)
+    np.testing.assert_allclose(ways[1], [[0.8, 0.0], [1.0, 0.6], [1.0, 1.4], [1.0, 2.0]])
+    # A robot that faces away turns half around first.
+    ways = _places_at(np.array([0.0, 0.0, np.pi]), 0, np.array([2]), (nodes, next_node), (np.array([np.pi / 0.8, np.pi / 0.8 + 1.0]), 0.8, 0.8))
+    np.testing.assert_allclose(ways[0], [[0.0, 0.0], [0.8, 0.0]], atol=1e-9)
 
 
 @pytest.mark.command

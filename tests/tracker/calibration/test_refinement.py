@@ -31,6 +31,16 @@ def test_a_known_height_is_believed_before_the_given_one() -> None:
     assert [line.startswith("C1: height is +10.") for line in found.changes] == [True]
 
 
+@pytest.mark.soak
+def test_a_camera_without_pose_is_placed_among_given_ones() -> None:
+    room = walked_room(frames=120)
+    mixed = replace(room, truth=None, cameras={**room.cameras, "C4": room.cameras["C4"].without_pose()})
+    found = calibrate(mixed, Known(refine=True))
+    assert not found.problems
+    assert all(line.startswith("C4: ") for line in found.changes)
+    np.testing.assert_allclose(found.cameras["C4"].pose.translation, room.cameras["C4"].pose.translation, atol=0.1)
+
+
 def test_a_camera_without_tracklets_keeps_its_calibration_with_a_problem() -> None:
     room = replace(walked_room(frames=40), truth=None).choose(["C1"])
     rare = {frame: boxes for frame, boxes in room.detections["C1"].items() if frame % 20 == 0}
