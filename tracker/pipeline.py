@@ -18,12 +18,14 @@ from tracker.detections.front_end import FrontEnd, ImageParameters
 from tracker.detections.ground_points import GroundDetections
 from tracker.detections.occlusion import Viewpoint
 from tracker.detections.rejections import BOXES, NO_POSE, count_rejections
+from tracker.geometry import Array, Pose
 from tracker.mht.global_hypothesis import CliqueSolver, written_to
 from tracker.mht.tracker import MhtTracker
 from tracker.reading_ahead import ahead
 from tracker.slam.filter import Slam
 from tracker.slam.image_features import ImageFeatures
 from tracker.slam.parameters import SlamParameters
+from tracker.tracks.attitude import corrected_pose
 from tracker.tracks.parameters import MhtParameters
 from tracker.tracks.tracks import TrackIds, Tracks
 from tracker.types import Estimate, Setup, Tick
@@ -68,12 +70,16 @@ def track(
 
 @dataclass(frozen=True, eq=False)
 class PlacedTick:
-    """A tick with the robots' poses in `estimate`, and its boxes on the ground with the viewpoint of each."""
+    """A tick with the robots' poses in `estimate`, and the boxes of fixed cameras on the ground with the viewpoint of each.
+
+    moving: T_world_robot of the moving robots, with the covariance (6, 6) of its right tangent.
+    """
 
     tick: Tick
     estimate: Estimate
     feet: list[GroundDetections]
     cameras: list[Viewpoint]
+    moving: dict[str, tuple[Pose, Array]]
 
 
 class Tracker:
@@ -101,25 +107,39 @@ class Tracker:
         return self._features.find(tick)
 
     def place(self, tick: Tick) -> PlacedTick:
-        """Localize the robots at a tick with features, and place its boxes. This needs nothing of the people, so it may run ahead of `follow`."""
+        """Localize the robots at a tick with features, and place the boxes of fixed cameras. This needs nothing of the people, so it may run ahead
+        of `follow`."""
         self._check(tick)
         self.slam.step(tick)
         # Robots with an unknown start have no pose until they are localized in the map of the team.
         poses = {robot: (self.slam.pose(robot), self.slam.covariance(robot)) for robot in self.setup.starts if self.slam.is_localized(robot)}
         known, covariances = {robot: pose for robot, (pose, _) in poses.items()}, {robot: P for robot, (_, P) in poses.items()}
+        moving = {robot: poses.pop(robot) for robot in self.setup.moving_robots if robot in poses}
         feet, cameras = self._front_end.step(tick, poses)
         estimate = Estimate.of_robots(tick.index, known, covariances, self.slam.counters)
-        return PlacedTick(tick, replace(estimate, map_snapshot=self.slam.map_snapshot(tick.index)), feet, cameras)
+        return PlacedTick(tick, replace(estimate, map_snapshot=self.slam.map_snapshot(tick.index)), feet, cameras, moving)
 
     def follow(self, placed: PlacedTick) -> Estimate | None:
         """Follow the people at the next tick; the estimate of the frame `delay` frames before it, None at the start."""
         tick = placed.tick
-        people = self._people.step(placed.feet, placed.cameras, tick.time, tick.reported)
-        self._count_rejections(tick, placed.feet)
+        feet, cameras = self._front_end.step(tick, self._corrected(placed))
+        feet, cameras = [*placed.feet, *feet], [*placed.cameras, *cameras]
+        people = self._people.step(feet, cameras, tick.time, tick.reported)
+        self._count_rejections(tick, feet)
         if tick.reported:
             counters = placed.estimate.counters | dict(self._rejections)
             self._waiting.append((tick.time, replace(placed.estimate, counters=counters)))
         return self._completed(people)
+
+    def _corrected(self, placed: PlacedTick) -> dict[str, tuple[Pose, Array]]:
+        """The poses of the moving robots, with the attitudes that their views show."""
+        out, people = dict(placed.moving), self._people.filter
+        for view in placed.tick.views:
+            robot = self.setup.mounts[view.camera].robot
+            if robot in out:
+                expected = people.expected(placed.tick.time + view.later)
+                out[robot] = corrected_pose(self.setup, out[robot], view, expected, people.parameters)
+        return out
 
     def finish(self) -> Estimate | None:
         """The estimate of the oldest frame that is waiting, after the last tick; None where none is."""

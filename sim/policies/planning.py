@@ -62,6 +62,8 @@ REPEATED_VIEW_GAIN = (1.0, 0.4, 0.1)
 """Relative gain of a view of an unknown person whom no, one or two other robots also see."""
 FOUND_SIGMA = 0.3
 """Standard deviation of the place of a person after the first box, m."""
+INTERVAL = 1.5
+"""Time between the places of a path at which predictive counts information, s."""
 CLOSE = 1.2
 """Distance between the goals of two robots that is too close, m."""
 
@@ -174,7 +176,7 @@ class Greedy:
     """
 
     action = "waypoint"
-    times, frames = np.array([1.5]), FRAMES_PER_DECISION
+    times, frames = np.array([INTERVAL]), FRAMES_PER_DECISION
 
     def begin(self, knowledge: TeamKnowledge, rng: np.random.Generator) -> None:
         self._goals = knowledge.place.roadmap.nearest(knowledge.robots[:, :2])
@@ -231,8 +233,8 @@ class Greedy:
 class Predictive(Greedy):
     """Model predictive control: each robot compares paths over the next 7.5 s, during which people move."""
 
-    times = np.arange(1.0, 6.0) * 1.5
-    frames = round(1.5 * DECISION_RATE) * FRAMES_PER_DECISION
+    times = np.arange(1.0, 6.0) * INTERVAL
+    frames = round(INTERVAL * DECISION_RATE) * FRAMES_PER_DECISION
 
     def _candidates(self, place: PlacementMap, node: int, goal: int) -> NDArray[np.int64]:
         found = super()._candidates(place, node, goal)

@@ -114,6 +114,12 @@ def open_study(plan: SearchPlan) -> Study:
         raise ValueError(f"{plan.folder / STUDY}: {' '.join(str(error).split())[:200]}") from None
 
 
+def whole_trials(study: Study) -> list[FrozenTrial]:
+    """The trials that were tried on all cases, the best first."""
+    whole = [one for one in study.get_trials(deepcopy=False) if one.value is not None and WHOLE in one.user_attrs]
+    return sorted(whole, key=lambda one: (-(one.value or 0.0), one.number))
+
+
 class Search:
     """The search of this process."""
 
@@ -242,10 +248,10 @@ class Search:
 
     def _end_early(self, one: RunningTrial) -> bool:
         """End a trial that is worse than the best one, on the cases of both. Returns whether it is."""
-        whole = [known for known in self.study.get_trials(deepcopy=False) if known.value is not None and WHOLE in known.user_attrs]
+        whole = whole_trials(self.study)
         if not whole:
             return False
-        best = max(whole, key=lambda known: (known.value, -known.number))
+        best = whole[0]
         common = sorted(set(one.scores) & set(best.intermediate_values))
         mine, theirs = ([values[case] for case in common] for values in (one.scores, best.intermediate_values))
         if len(common) < LEAST_CASES or not is_worse(self.plan.objective, mine, theirs):

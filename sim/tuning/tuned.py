@@ -14,7 +14,7 @@ from sim.confidence_intervals import Interval, paired
 from sim.parallel.pool import Pool, ended, losses
 from sim.tuning.case_file import VERSION
 from sim.tuning.scoring import FIGURES, Candidate, draw_case, score_case, worst_mean
-from sim.tuning.search import CLAIMS, STUDY, WHOLE, Search, SearchPlan, at_work, open_study
+from sim.tuning.search import CLAIMS, STUDY, WHOLE, Search, SearchPlan, at_work, open_study, whole_trials
 from tracker.io.atomic import write_text
 from tracker.io.file_lock import file_lock, folder_lock
 from tracker.io.json_files import json_text, read_json
@@ -202,12 +202,12 @@ def _draw(plan: SearchPlan, numbers: list[int], workers: Workers, progress: Call
 
 def _finished(plan: SearchPlan, study: Study, kinds: Mapping[int, str], workers: Workers, progress: Callable[..., Any]) -> TunedResult:
     trials = study.get_trials(deepcopy=False)
-    whole = [one for one in trials if one.value is not None and WHOLE in one.user_attrs]
+    whole = whole_trials(study)
     failed = [one for one in trials if one.state.name == "FAIL"]
     if not whole:
         reason = f"; {len(failed)} failed, the first: {failed[0].user_attrs.get('error')}" if failed else ""
         raise ValueError(f"{plan.folder}: no trial has tried all cases yet{reason}; the same command goes on")
-    best = max(whole, key=lambda one: (one.value, -one.number))
+    best = whole[0]
     started = _is_default(plan, best)
     tried = None if not kinds else try_held_out(plan, {} if started else best.params, kinds, workers, progress)
     scored = [one for one in trials if one.value is not None]

@@ -59,8 +59,9 @@ CMC_AREA = ((1.8, 0.0), (7.67, 3.41))
 DROPPED = 0.02
 """Share of the boxes that a draw leaves out: in rooms, a single run is uncertain by 0.03 of IDF1."""
 LEAST = 0.3
-"""The transform `constant` drops boxes of less confidence."""
-TRANSFORMS = ("square", "root", "affine", "log", "constant")
+"""The transforms of ONE_NUMBER drop boxes of less confidence."""
+ONE_NUMBER = {"constant": 0.95, "none": -1.0}
+TRANSFORMS = ("square", "root", "affine", "log", *ONE_NUMBER)
 FIGURES = ("mota", "idf1", "switches", "misses", "false_positives", "motp_m", "truths")
 
 
@@ -198,21 +199,21 @@ def drawn(row: Row, draws: int) -> Row:
 
 
 def transformed(ticks: Iterable[Tick], name: str) -> Iterator[Tick]:
-    """The ticks with other confidences, by one of TRANSFORMS: c², √c, 0.3 + 0.7 c, −log(1.0001 − c), or 0.95 for all boxes of at least LEAST."""
+    """The ticks with other confidences, by one of TRANSFORMS: c², √c, 0.3 + 0.7 c, −log(1.0001 − c), or ONE_NUMBER for boxes of at least LEAST."""
     functions: dict[str, Callable[[Array], Array]] = {
         "square": lambda c: np.sign(c) * c**2,
         "root": lambda c: np.sign(c) * np.sqrt(np.abs(c)),
         "affine": lambda c: 0.3 + 0.7 * c,
         "log": lambda c: -np.log(np.maximum(1.0001 - c, 1e-4)),
-        "constant": lambda c: np.full(len(c), 0.95),
     }
     for tick in ticks:
         views = []
         for view in tick.views:
             d = view.detections
-            kept = d.confidence >= LEAST if name == "constant" else np.ones(len(d), dtype=bool)
+            kept = d.confidence >= LEAST if name in ONE_NUMBER else np.ones(len(d), dtype=bool)
             arrays = {f.name: getattr(d, f.name)[kept] for f in dataclasses.fields(d)}
-            arrays["confidence"] = functions[name](arrays["confidence"])
+            c = arrays["confidence"]
+            arrays["confidence"] = np.full(len(c), ONE_NUMBER[name]) if name in ONE_NUMBER else functions[name](c)
             views.append(replace(view, detections=replace(d, **arrays)))
         yield replace(tick, views=tuple(views))
 

@@ -48,9 +48,14 @@ def _children_alone(children: Any, _others: Any) -> Any:
     return children
 
 
+def _pose_alone(_: Any, pose: Any, *__: Any) -> Any:
+    return pose
+
+
 PARTS: dict[str, Without] = {
     WITH: Without(),
     "appearance of feet ahead of the body": Without({"fusion.ahead": 0.0}),
+    "attitude of robots by people": Without(attributes={"tracker.pipeline:corrected_pose": _pose_alone}),
     "bodies exclude each other": Without({"body": 0.0}),
     "covering share of partly visible people": Without(attributes={"tracker.tracks.detection_rates:DetectionRates.learn_partly_visible": _nothing}),
     "doubt by other views": Without(attributes={"tracker.mht.tracker:SUPPORTED": 1.0}),

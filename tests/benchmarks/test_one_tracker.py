@@ -11,6 +11,7 @@ from tests.benchmarks.one_tracker import (
     FIGURES,
     GROUPS,
     LEAST,
+    ONE_NUMBER,
     TRANSFORMS,
     Source,
     all_rows,
@@ -48,12 +49,15 @@ def test_transforms_keep_the_order_of_confidences(name: str) -> None:
     ticks = list(room(0, frames=FRAMES).sequence().ticks)
     for before, after in zip(ticks, transformed(ticks, name), strict=True):
         for old, new in zip(before.views, after.views, strict=True):
-            kept = old.detections.confidence >= LEAST if name == "constant" else np.ones(len(old.detections), dtype=bool)
+            kept = old.detections.confidence >= LEAST if name in ONE_NUMBER else np.ones(len(old.detections), dtype=bool)
             assert (old.detections.bearing[kept] == new.detections.bearing).all()
             confidence = new.detections.confidence[np.argsort(old.detections.confidence[kept])]
             assert (np.diff(confidence) >= 0).all()
             assert np.isfinite(confidence).all()
-            assert (np.unique(confidence) == 0.95).all() if name == "constant" else len(np.unique(confidence)) == len(confidence)
+            if name in ONE_NUMBER:
+                assert (confidence == ONE_NUMBER[name]).all()
+            else:
+                assert len(np.unique(confidence)) == len(confidence)
 
 
 def test_fields_of_parts_are_set() -> None:

@@ -75,8 +75,8 @@ class Calibration:
             return changed
         changed = changed.choose([name for name in recording.fixed if name in self.cameras or recording.detections.get(name)])
         lost = {name: camera.without_pose() for name, camera in changed.cameras.items() if name not in self.cameras}
-        changed = replace(changed, cameras={**changed.cameras, **lost})
-        return replace(changed, truth=None, visible={}, area=None, ground=Flat(), occluders=None, pillars=np.zeros((0, 5)))
+        cameras = {**changed.cameras, **lost}
+        return replace(changed, cameras=cameras, truth=None, visible={}, area=None, ground=Flat(), occluders=None, pillars=np.zeros((0, 5)))
 
     def lines(self) -> list[str]:
         """A table of the cameras, each parameter with its standard deviation."""

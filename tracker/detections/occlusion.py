@@ -110,18 +110,14 @@ class Bodies:
         """`occluded` of all views, (n, v, 2)."""
         return np.array([self.occluded(view) for view in views]).reshape(len(views), len(self.points), 2).transpose(1, 0, 2)
 
-    def in_any_view(self, views: list[Viewpoint]) -> Mask:
-        """Whether each body (n,) is `in_view` of any view."""
-        out = np.zeros(len(self.points), dtype=bool)
-        for view in views:
-            out |= self.in_view(view)
+    def in_any_view(self, views: list[Viewpoint], rows: Ints) -> Mask:
+        """Whether a part of each of the bodies `rows` (r,) is within the image of any view, occluded or not."""
+        points, out = self.points[rows].reshape(-1, 3), np.zeros(len(rows), dtype=bool)
+        for view in views if len(rows) else ():
+            rays = points - view.pose.translation
+            direction = rays / np.maximum(np.linalg.norm(rays, axis=1), 1e-6)[:, None]
+            out |= self._in_image(view, direction).reshape(len(rows), len(POINT_HEIGHTS)).any(axis=1)
         return out
-
-    def in_view(self, view: Viewpoint) -> Mask:
-        """Whether a part of each body (n,) is within the image of the view, occluded or not."""
-        rays = self.points.reshape(-1, 3) - view.pose.translation
-        direction = rays / np.maximum(np.linalg.norm(rays, axis=1), 1e-6)[:, None]
-        return np.asarray(self._in_image(view, direction).reshape(len(self.points), len(POINT_HEIGHTS)).any(axis=1))
 
     def _in_image(self, view: Viewpoint, direction: Array) -> Mask:
         """Whether directions (n, 3) of the world are within the image, and the robot that carries the camera is not there."""

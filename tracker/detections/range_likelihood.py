@@ -142,7 +142,8 @@ def infer_ranges(world: tuple[Ground, Ground], origin: Array, edges: BoxEdges, a
     fine = np.geomspace(NEAREST, FARTHEST, REFINEMENT * (COUNT - 1) + 1)
     azimuth = edges.azimuth[:, None] + LEG_COLUMNS * edges.half_width[:, None]
     places = origin[:2] + fine[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)[:, :, None, :]
-    profiles = [g.height_at(places.reshape(-1, 2)).reshape(places.shape[:3]) - origin[2] for g in world]
+    grounds = world if world[0] is not world[1] else world[:1]
+    profiles = [g.height_at(places.reshape(-1, 2)).reshape(places.shape[:3]) - origin[2] for g in grounds]
     middle = len(LEG_COLUMNS) // 2
     level = profiles[0][:, middle, ::REFINEMENT]
     sigma = np.sqrt(edges.variance)[:, None]
@@ -163,7 +164,8 @@ def infer_ranges(world: tuple[Ground, Ground], origin: Array, edges: BoxEdges, a
 def _edge_density(profiles: list[Array], grid: tuple[Array, Array, Array], edges: BoxEdges, ahead: float) -> tuple[Array, Array]:
     """Density (n, k) of the boxes' lower edges at each distance, per radian, and the part of it with hidden feet.
 
-    profiles: heights (n, columns, fine) m of the ground and of tops over the eye; grid: the distances, their steps, and the fine distances, m.
+    profiles: heights (n, columns, fine) m over the eye, of the ground, and of tops where they are not the ground.
+    grid: the distances, their steps, and the fine distances, m.
     """
     distance, step, fine = grid
     level, sigma = profiles[0][:, len(LEG_COLUMNS) // 2, ::REFINEMENT], np.sqrt(edges.variance)[:, None]
@@ -171,8 +173,8 @@ def _edge_density(profiles: list[Array], grid: tuple[Array, Array, Array], edges
     # The lowest point of a walking body is on the ground a little in front of or behind it.
     stray = FOOT_SIGMA * np.abs(np.gradient(feet, axis=1) / step)
     rough = np.hypot(sigma, TOP_SIGMA / distance)
-    total, covered = np.zeros(level.shape), np.zeros(level.shape)
-    for heights, share in zip(profiles, (ABSENT_SHARE, 1 - ABSENT_SHARE), strict=True):
+    found = []
+    for heights in profiles:
         # A box ends at the lowest visible point, between or beside the occluders, or at the edge of the image.
         before = np.arctan(_steepest(heights / fine, fine)[..., ::REFINEMENT].min(axis=1))
         before = np.maximum(before, edges.border[:, None])
@@ -181,8 +183,11 @@ def _edge_density(profiles: list[Array], grid: tuple[Array, Array, Array], edges
         here = np.exp(-0.5 * (above / blur) ** 2) / (blur * np.sqrt(2 * np.pi))
         feet_hidden = edges.feet_hidden[:, None]
         seen = (1 - feet_hidden) * here + feet_hidden * ((above > 0) & (above < body)) / body
-        seen = share * seen * ((edge - feet < body) & (edge < edges.high[:, None]))
-        total, covered = total + seen, covered + seen * hides
+        found.append((seen, hides, (edge - feet < body) & (edge < edges.high[:, None])))
+    total, covered = np.zeros(level.shape), np.zeros(level.shape)
+    for (seen, hides, possible), share in zip((found[0], found[-1]), (ABSENT_SHARE, 1 - ABSENT_SHARE), strict=True):
+        density = share * seen * possible
+        total, covered = total + density, covered + density * hides
     return total, covered
 
 

@@ -17,6 +17,8 @@ from tracker.geometry.lenses import Pinhole
 
 PIXEL_PITCH = 5e-3
 """mm: pixel size of simulated pinhole cameras. Only its ratio to the focal length matters."""
+NEWTON_STEPS = 30
+"""Greatest number of steps in which a distortion is inverted."""
 
 
 @dataclass(frozen=True)
@@ -99,9 +101,14 @@ class Tsai:
         r = ru.copy()
         limit = self.fold
         r = np.minimum(r, 0.99 * limit)
-        for _ in range(30):
-            r = r - (r * (1 + self.kappa1 * r**2) - ru) / np.maximum(1 + 3 * self.kappa1 * r**2, 1e-6)
-            r = np.clip(r, 0.0, limit)
+        for _ in range(NEWTON_STEPS // 2):
+            before = r
+            # Rounding may leave two values that follow each other, so that the end shows after two steps.
+            for _ in range(2):
+                r = r - (r * (1 + self.kappa1 * r**2) - ru) / np.maximum(1 + 3 * self.kappa1 * r**2, 1e-6)
+                r = np.clip(r, 0.0, limit)
+            if (r == before).all():
+                break
         solved = np.abs(r * (1 + self.kappa1 * r**2) - ru) < 1e-9 * (1 + ru)
         scale = np.where(ru > 1e-12, r / np.where(ru > 1e-12, ru, 1.0), 1.0)
         return undistorted * scale[:, None], solved

@@ -45,7 +45,7 @@ from tracker.tracks.parameters import MhtParameters
 from tracker.tracks.reidentification import Appearance, NewTargetModel, Reidentification
 from tracker.tracks.sensor_model import SensorModel, TickOutcome
 from tracker.tracks.standing_things import StandingThings
-from tracker.tracks.tracks import Tracks
+from tracker.tracks.tracks import Places, Tracks, transition
 from tracker.types import Setup
 from tracker.types.ticks import ROUNDING
 
@@ -142,11 +142,11 @@ class MhtFilter:
         self._owners = TrackOwners()
         self.things = StandingThings()
         self.noise = MeasurementNoise(parameters.noise)
-        self._next_tree, self._next_node, self._ticks = 1, 0, 0
+        self._next_tree, self._next_node, self._ticks, self._time = 1, 0, 0, 0.0
 
     def step(self, views: list[GroundDetections], cameras: list[Viewpoint], time: float, reported: bool = True) -> tuple[TrackHypotheses, Mask]:
         """Process a tick at `time` s; cameras: viewpoint of each view. Returns the people (k,) in the global hypothesis, and which are present."""
-        self.now = self._memory.step(time, reported)
+        self.now, self._time = self._memory.step(time, reported), time
         self._ticks += 1
         if not views:
             return self._coasted()
@@ -164,6 +164,14 @@ class MhtFilter:
         new = replace(new, leaves=self._reidentified(time, leaves, chosen.best, fresh))
         self._prune(new, chosen)
         return self._present()
+
+    def expected(self, time: float) -> Places:
+        """Where those who were detected at the last tick are expected at `time` s."""
+        leaves = self.leaves.select(self.best)
+        leaves = leaves.select(leaves.confirmed & ~leaves.deleted & (leaves.misses < MOSTLY))
+        F, Q = transition(max(time - self._time, 0.0), self.parameters.motion)
+        covariance = F @ leaves.covariance[:, :4, :4] @ F.T + Q
+        return Places((leaves.state[:, :4] @ F.T)[:, :2], covariance[:, :2, :2])
 
     def _coasted(self) -> tuple[TrackHypotheses, Mask]:
         """As `step`, for a tick without a view."""
@@ -249,7 +257,8 @@ class MhtFilter:
         groups = group_across_views([self.sensor_model.corrected(boxes) for boxes in now.views], free, self.setup.height, self.parameters.fusion)
         doubt = _doubt(now.views, groups)
         rate = self.sensor_model.arrival_rate(self.now.elapsed, self.now.revisits)
-        score = self.sensor_model.initiation_score(now.views, now.cameras, groups, _tracks(leaves.select(self.best)), rate)
+        ratios = np.split(table.existence_ratio, table.start[1:-1])
+        score = self.sensor_model.initiation_score(now.views, now.cameras, ratios, groups, _tracks(leaves.select(self.best)), rate)
         return Roots(groups, score), doubt
 
     def _extended(self, now: Observation, children: ChildHypotheses, roots: Roots) -> NewLeaves:
@@ -276,7 +285,7 @@ class MhtFilter:
         boxes = np.append(now.table.existence_ratio, 0.0)[children.box].sum(axis=1)
         existence = self._survived(parents.existence) + boxes + children.missed * min(1.0, self.now.revisit / self.parameters.miss_time)
         chance, due, passed = now.chance[children.parent], parents.due, self.now.revisits
-        outside = ~now.bodies.in_any_view(list(self._viewpoints.values()))[children.parent]
+        outside = self._outside(now)[children.parent]
         states, covariances, detections = parents.states.copy(), parents.covariances.copy(), parents.detected.copy()
         states[:, 0], covariances[:, 0], detections[:, 0] = children.state, children.covariance, detected
         return replace(
@@ -287,6 +296,13 @@ class MhtFilter:
             states=states, covariances=covariances, detected=detections, unselected=parents.unselected + passed,
             out_of_view=np.where(outside & ~detected, parents.out_of_view + passed, 0.0),
         )  # fmt: skip
+
+    def _outside(self, now: Observation) -> Mask:
+        """Which leaves (n,) of the last tick no view could show, occluded or not."""
+        out: Mask = np.asarray((now.expected <= 0).all(axis=1))
+        rows = np.flatnonzero(out)
+        out[rows] = ~now.bodies.in_any_view(list(self._viewpoints.values()), rows)
+        return out
 
     def _updated_leaves(self, now: Observation, roots: Roots, new: NewLeaves) -> NewLeaves:
         """The leaves with the statures of new people, and with appearance updated by this tick."""

@@ -49,7 +49,7 @@ class MhtParameters:
     max_leaves: int = 160  # greatest number of leaves in all; every pair of their children is compared
     k_h: int = 1  # K_H, hypotheses that are kept; above 1, the children of each form a graph of their own
     i_bls_max: int = 2000  # moves of the local search, at most
-    branches: int = 20  # of branch and bound in one component of the graph, at most; they bound the time of a tick
+    branches: int = 60  # of branch and bound in one component of the graph, at most; they bound the time of a tick
     seed: int = 0  # of the local search
 
     def over(self, setup: Setup) -> MhtParameters:

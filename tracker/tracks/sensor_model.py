@@ -149,24 +149,25 @@ class SensorModel:
         return float(q.arrival_rate * revisits + INITIAL_DENSITY * np.exp(-elapsed / 0.3))
 
     def initiation_score(
-        self, views: list[GroundDetections], cameras: list[Viewpoint], groups: list[CrossViewGroup], others: Tracks, rate: float
+        self, views: list[GroundDetections], cameras: list[Viewpoint], ratios: list[Array], groups: list[CrossViewGroup], others: Tracks, rate: float
     ) -> Array:
         """log-likelihood ratio (g,) of a new person over false boxes, for each group of boxes.
 
-        cameras: viewpoint of each view. others: the tracks, which may occlude the new people. rate: of new people, as `arrival_rate`.
+        cameras: viewpoint of each view. ratios: `log_ratio` of each view. others: the tracks, which may occlude the new people.
+        rate: of new people, as `arrival_rate`.
         """
         q, place, tree = self.parameters, others.state[:, :2], others.tree
         points = np.array([g.point for g in groups]).reshape(-1, 2)
         score, no_tree = np.full(len(groups), np.log(rate)), np.full(len(groups), -1, dtype=np.int64)
         front = np.arange(len(groups), len(groups) + len(place))
         bodies = self.bodies(np.concatenate([points, place]), np.concatenate([no_tree, tree]), front)
-        for v, (feet, view) in enumerate(zip(views, cameras, strict=True)):
+        for v, (feet, view, ratio) in enumerate(zip(views, cameras, ratios, strict=True)):
             member = np.array([dict(g.members).get(v, -1) for g in groups], dtype=np.int64)
             expected = bodies.expected_detection(view, q.fusion.reach, np.arange(len(groups)))
             miss = self.missed(feet.camera, expected)
             here = member >= 0
             score[~here] += miss[~here]
-            score[here] += self.log_ratio(feet)[member[here]] + np.log(1 - feet.feet_hidden[member[here]])
+            score[here] += ratio[member[here]] + np.log(1 - feet.feet_hidden[member[here]])
         # Each further box multiplies the likelihood by its density about the common place.
         size = np.array([len(g.members) for g in groups])
         area = np.array([2 * np.pi * np.sqrt(np.linalg.det(2 * n * g.covariance)) for n, g in zip(size, groups, strict=True)])

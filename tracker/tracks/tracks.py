@@ -7,6 +7,7 @@ nothing is changed in place. Each tree has one reported id, and a new one after 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -57,8 +58,12 @@ class Tracks:
 _COLUMNS = tuple(Tracks.__dataclass_fields__)
 
 
+@lru_cache(maxsize=64)
 def transition(dt: float, motion: MotionParameters) -> tuple[Array, Array]:
-    """Transition F and process noise Q (4, 4) of `dt` seconds with white acceleration (Bar-Shalom, Li, Kirubarajan 2001, eq. 6.2.2-12)."""
+    """Transition F and process noise Q (4, 4) of `dt` seconds with white acceleration (Bar-Shalom, Li, Kirubarajan 2001, eq. 6.2.2-12).
+
+    The same arguments give the same arrays, which are not to be changed.
+    """
     F = np.eye(4)
     F[0, 2] = F[1, 3] = dt
     return F, np.kron(np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]]), np.eye(2)) * motion.acceleration**2
@@ -69,13 +74,20 @@ def coasting_transition(gap: Array, dt: float, motion: MotionParameters) -> tupl
 
     As `transition`, except that the velocity of coasting tracks decays like the mean of an Ornstein-Uhlenbeck process. The stature is a random walk.
     """
+    F, fading, Q = _transitions(dt, motion)
+    return np.where((gap > FADE_AFTER)[:, None, None], fading, F), Q
+
+
+@lru_cache(maxsize=64)
+def _transitions(dt: float, motion: MotionParameters) -> tuple[Array, Array, Array]:
+    """Transitions (5, 5) without and with decay, and process noise Q (5, 5)."""
     F, Q = np.eye(5), np.zeros((5, 5))
     F[:4, :4], Q[:4, :4] = transition(dt, motion)
     Q[4, 4] = STATURE_WALK**2 * dt
     fade = np.exp(-dt / FADE_TIME)
     fading = np.diag([1.0, 1.0, fade, fade, 1.0])
     fading[0, 2] = fading[1, 3] = coasting_time(dt)
-    return np.where((gap > FADE_AFTER)[:, None, None], fading, F), Q
+    return F, fading, Q
 
 
 def coasting_time(gap: float) -> float:
