@@ -136,12 +136,12 @@ class CropSampler:
         boxes, person, visible = images.boxes[mine], images.person[mine], images.visible[mine]
         cut = cut_off(boxes, width, height, wraps)
         good = np.flatnonzero((visible >= LEAST_VISIBLE) & (boxes[:, 3] - boxes[:, 1] >= LEAST_HEIGHT))
-        scale, middle = float(np.exp(rng.uniform(*np.log([0.35, 1.3])))), np.array([rng.uniform(0, width), rng.uniform(0, height)])
+        least = size / (LARGEST_WINDOW * height)
+        scale, middle = max(float(np.exp(rng.uniform(*np.log([0.35, 1.3])))), least), np.array([rng.uniform(0, width), rng.uniform(0, height)])
         if len(good) and rng.random() < CHOSEN_SHARE:
             box = boxes[good[int(rng.integers(len(good)))]]
-            scale = float(np.exp(rng.uniform(*np.log(heights)))) / (box[3] - box[1])
+            scale = max(float(np.exp(rng.uniform(*np.log(heights)))) / (box[3] - box[1]), least)
             middle = (box[:2] + box[2:]) / 2 + rng.uniform(-0.4, 0.4, 2) * size / np.clip(scale, *SCALES)
-        scale = max(scale, size / (LARGEST_WINDOW * height))
         scales = np.clip(scale, *SCALES) * np.exp(rng.normal(0.0, ASPECT / 2) * np.array([1.0, -1.0]))
         return self._cut_out(images, index, (wraps, boxes, person, visible, cut), (scales, middle, size), rng)
 
@@ -265,8 +265,8 @@ class CropSampler:
             low, width = (top - rng.uniform(0.0, 1.0) * tall, bottom + rng.uniform(0.0, 0.4) * tall), rng.uniform(0.3, 2.0) * wide
             side = left + rng.uniform(0.25, 0.75) * wide
             ends = (side, side + width) if rng.random() < 0.5 else (side - width, side)
-        corner = np.clip(np.floor([ends[0], low[0]]), -size, size).astype(int)
-        shape = np.clip(np.ceil([ends[1], low[1]]) - corner, 2, size).astype(int)
+        corner = np.clip(np.floor([ends[0], low[0]]), 0, size).astype(int)
+        shape = np.maximum(np.clip(np.ceil([ends[1], low[1]]), 0, size).astype(int) - corner, 2)
         picture = self._texture(rng, size)[: shape[1], : shape[0]]
         if rng.random() < 0.5:
             shade = np.linspace(rng.uniform(0.7, 1.3), rng.uniform(0.7, 1.3), len(picture))[:, None, None]

@@ -96,7 +96,7 @@ class SearchLevel:
 def search_levels(shape: tuple[int, ...], camera: PanoramicCamera | None = None, above: CameraHeight | None = None) -> list[SearchLevel]:
     """The levels for an image of shape (H, W, …), the finest first.
 
-    camera: of a panorama, whose levels are searched in bands; None for images whose rows are all searched at every level.
+    camera: of a panorama, whose levels but the coarsest are searched in bands; None for images whose rows are all searched at every level.
     above: the height of that camera, None where it is not known.
     """
     rows, out = shape[0], []
@@ -106,7 +106,8 @@ def search_levels(shape: tuple[int, ...], camera: PanoramicCamera | None = None,
         low = SMALLEST[large] * 2 ** (k - 1) if k else 0.0
         high = TALLEST[large] * 2**k if k < coarsest else math.inf
         taken = SMALLEST[large] * 2**k if k < coarsest else math.inf
-        band = (0.0, float(rows)) if camera is None else _band(camera, above or CameraHeight(), high, taken)
+        # Feet of a person at arm's length are nearer than the body, and no coarser level would find who ends outside a band.
+        band = (0.0, float(rows)) if camera is None or k == coarsest else _band(camera, above or CameraHeight(), high, taken)
         again = (0.0, math.inf) if k else (MAGNIFIED[large], REASON[large])
         out.append(SearchLevel(k, (low, high), _whole_cells(band, 2**k, rows), *again))
     return out
@@ -126,7 +127,7 @@ def _band(camera: PanoramicCamera, above: CameraHeight, tallest: float, taken: f
         up, down = _up(TALL - low + sure * relief)[there], _up(-high - sure * relief)[there]
         ends = [max(ends[0], up.max(initial=0.0) + sure * above.tilt), min(ends[1], down.min(initial=0.0) - sure * above.tilt)]
     first, end = camera.rows_from_elevations(np.clip(ends, -1.5, 1.5)).tolist()
-    pole = camera.height / POLES if math.isfinite(tallest) and isinstance(camera, Panorama) else 0.0
+    pole = camera.height / POLES if isinstance(camera, Panorama) else 0.0
     first, end = max(first, pole), min(end, camera.height - pole)
     return (first, end) if first < end else (0.0, float(camera.height))
 

@@ -52,6 +52,14 @@ def test_boxes_follow_the_picture(wraps: bool):
     assert compared >= 5
 
 
+def test_bodies_who_fill_a_panorama_are_within_their_crop():
+    """Of a body that a crop is made for, at most 0.4 of the crop beside its middle, the middle is always inside."""
+    sampler, rng = CropSampler([_images(1024, 512, [(400, 150, 480, 450)])], [], 0), np.random.default_rng(0)
+    crops = [sampler._crop(rng, 256, (40.0, 120.0)) for _ in range(200)]
+    middle = np.array([crop.boxes[0, [0, 2]].mean() if len(crop.boxes) else -1.0 for crop in crops])
+    assert np.mean((middle > 0) & (middle < 256)) > 0.85
+
+
 def test_targets_give_the_box_back():
     box = np.array([[40.0, 30.0, 72.0, 130.0]])
     made = targets_of(box, np.ones(1), np.zeros(1, bool), 256)

@@ -55,6 +55,17 @@ def test_every_body_is_whole_in_a_level_for_its_height(width: int, height: int) 
         assert found[distance > max(3.0, height)].all()
 
 
+@pytest.mark.parametrize("width", [1024, 2048, 5760])
+def test_people_at_a_table_are_whole_at_the_coarsest_level(width: int) -> None:
+    """Feet of people who sit before a camera are half a meter nearer than their heads."""
+    camera = Panorama(width, width // 2)
+    coarsest = search_levels((camera.height, width), camera, above(1.0, Flat(), moves=False))[-1]
+    distance = np.linspace(0.5, 2.0, 50)
+    top, bottom = (camera.rows_from_elevations(np.arctan2(z, d)) for z, d in ((0.25, distance), (-1.0, distance - 0.4)))
+    boxes = FoundBoxes(np.stack([distance, top, np.ones(50), bottom - top], axis=1), np.ones(50))
+    assert len(coarsest.in_band(boxes, camera.height)) == 50
+
+
 def test_costs_grow_with_the_band_and_not_with_the_sphere() -> None:
     cost = {w: sum(searched(one, w) for one in search_levels((w // 2, w), Panorama(w, w // 2), above(1.5, Flat()))) for w in (1024, 2048, 4096)}
     # With the sphere they would grow by 4 and 16.
