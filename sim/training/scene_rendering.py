@@ -22,8 +22,8 @@ from sim.sensors.true_boxes import InstanceImage, People, true_boxes
 from sim.simulation.lighting import set_light, set_sky
 from sim.simulation.simulation import Simulation, furnished
 from sim.training.camera_sampling import INDOORS, OUTDOORS, CameraSampler, draw_cameras
-from tracker.geometry import Array
-from tracker.geometry.cameras import Panorama
+from tracker.geometry import Array, Ints, Pose
+from tracker.geometry.cameras import Camera, Panorama
 from tracker.io.atomic import new_folder
 from worlds import catalogue
 from worlds.scenes import meeting_room
@@ -150,8 +150,17 @@ class SceneTask:
                     bodies = renderer.unoccluded(simulation.data, [pose], people.person.tolist(), [which])[0]
                     boxes = true_boxes(InstanceImage(cameras[which], pose, image.instances, image.range), people, bodies)
                     kind = PANORAMAS if isinstance(cameras[which], Panorama) else PINHOLES
-                    shots[kind].append(Shot(image.colour, image.instances.astype(np.uint8), boxes.person, boxes.full, boxes.visible))
+                    visible = boxes.visible * _inside(cameras[which], pose, people, boxes.person)
+                    shots[kind].append(Shot(image.colour, image.instances.astype(np.uint8), boxes.person, boxes.full, visible))
         return {kind: ImageSet.of(taken, cameras[kind == PINHOLES]) for kind, taken in shots.items()}
+
+
+def _inside(camera: Camera, pose: Pose, people: People, person: Ints) -> Array:
+    """Share (n,) of the joints of each person that is within the image, at least one joint: a true box ends at the border, whatever is beyond."""
+    rays = people.joints[np.searchsorted(people.person, person)].reshape(-1, 3) - pose.translation
+    bearings = rays @ pose.rotation / np.maximum(np.linalg.norm(rays, axis=1), 1e-9)[:, None]
+    inside = camera.pixels_from_bearings(bearings)[1].reshape(len(person), -1)
+    return np.asarray(np.maximum(inside.sum(axis=1), 1) / people.joints.shape[1])
 
 
 def _rich(scenario: Scenario) -> Scenario:
