@@ -156,7 +156,7 @@ class SceneTask:
 
 
 def _inside(camera: Camera, pose: Pose, people: People, person: Ints) -> Array:
-    """Share (n,) of the joints of each person that is within the image, at least one joint: a true box ends at the border, whatever is beyond."""
+    """Share (n,) of the joints of each person that is within the image, at least one. A true box ends at the border, whatever is beyond."""
     rays = people.joints[np.searchsorted(people.person, person)].reshape(-1, 3) - pose.translation
     bearings = rays @ pose.rotation / np.maximum(np.linalg.norm(rays, axis=1), 1e-9)[:, None]
     inside = camera.pixels_from_bearings(bearings)[1].reshape(len(person), -1)
