@@ -35,8 +35,11 @@ def conflicts_of(old: Mask, parent: Ints, tree: Ints, box: Ints) -> Mask:
 
 
 def of_one_body(leaves: TrackHypotheses, least: float) -> Mask:
-    """Which pairs of n leaves (n, n) are too near for two bodies: their mean distance over the ticks that both remember is below `least` m."""
-    return np.asarray(_too_near(leaves.tree, leaves.state, leaves.states, leaves.age, least))
+    """Which pairs of n leaves (n, n) are too near for two bodies: their mean distance over the ticks that both remember is below `least` m.
+
+    Deleted leaves have no body: they stay for the smoother alone.
+    """
+    return np.asarray(_too_near(leaves.tree, leaves.state, leaves.states, leaves.age, least)) & ~(leaves.deleted[:, None] | leaves.deleted)
 
 
 @njit(cache=True)

@@ -36,7 +36,7 @@ def surviving_leaves(leaves: TrackHypotheses, box: Ints, chosen: GlobalHypothesi
     """
     q = parameters
     # A tentative track that takes boxes of other tracks is never in the global hypothesis, and would otherwise stay for ever.
-    tentative = (leaves.misses < 2.5) & (leaves.existence > logit(q.forget)) & (leaves.unselected <= PATIENCE + 0.5)
+    tentative = (leaves.expected_misses < 2.5) & (leaves.existence > logit(q.forget)) & (leaves.unselected <= PATIENCE + 0.5)
     keep = np.where(leaves.confirmed, (leaves.misses <= longest.coasting) & (leaves.unselected <= longest.unselected), tentative)
     keep &= leaves.speed <= q.motion.v_max
     keep &= _within_n_scan(leaves, chosen.best, longest.scan)

@@ -368,7 +368,9 @@ class MhtFilter:
         for v, boxes in enumerate(now.views):
             mine = box[:, v] >= 0
             ranks[mine, v] = self.sensor_model.detection_rates.rank(boxes.camera, boxes.confidence)[box[mine, v]]
-        self.things.learn(self.now.seconds, tracks.tree, (tracks.state[:, :2], tracks.position_sigma), ranks, expected)
+        self.things.learn(
+            self.now.seconds, tracks.tree, (tracks.state[:, :2], tracks.position_sigma), ranks, expected, set(self.leaves.tree.tolist())
+        )
 
     def _reidentified(self, time: float, leaves: TrackHypotheses, best: Ints, fresh: set[int]) -> TrackHypotheses:
         """The leaves; lost trees that newly confirmed trees continue are marked as deleted."""

@@ -63,8 +63,8 @@ class StandingThings:
         self._history: dict[int, _History] = {}
         self._odds: dict[int, float] = {}
 
-    def learn(self, seconds: float, tree: Ints, place: tuple[Array, Array], ranks: Array, expected: Array) -> None:
-        """Take a tick `seconds` after the last, for trees (t,). Trees that are not among them are forgotten.
+    def learn(self, seconds: float, tree: Ints, place: tuple[Array, Array], ranks: Array, expected: Array, alive: set[int]) -> None:
+        """Take a tick `seconds` after the last, for trees (t,). Trees that are neither among them nor `alive` are forgotten.
 
         place: (t, 2) m, and its standard deviation (t,). ranks (t, V): of the confidence of the box that a tree takes in each view, 0 to 1,
         NaN for none. expected (t, V): detection rate in each view, 0 to 1, relative to people in full view.
@@ -72,8 +72,9 @@ class StandingThings:
         (where, sigma), found = place, np.isfinite(ranks)
         # A box counts as half expected at least, which bounds the ratio of boxes to expected ones.
         due = np.where(found, np.maximum(expected, 0.5), expected).sum(axis=1)
-        self._history = {one: self._history.get(one) or _History(where[k]) for k, one in enumerate(tree.tolist())}
-        for k, track in enumerate(self._history.values()):
+        now = {one: self._history.get(one) or _History(where[k]) for k, one in enumerate(tree.tolist())}
+        self._history = now | {one: track for one, track in self._history.items() if one in alive and one not in now}
+        for k, track in enumerate(now.values()):
             track.time += seconds
             track.farthest = max(track.farthest, float(np.linalg.norm(where[k] - track.mean) - 2 * sigma[k]))
             track.places += 1
@@ -81,10 +82,9 @@ class StandingThings:
             track.ranks += float(np.nansum(ranks[k]))
             track.boxes += float(found[k].sum())
             track.expected += float(due[k])
-        if self._history:
-            self._judge()
+        self._odds = self._judged() if self._history else {}
 
-    def _judge(self) -> None:
+    def _judged(self) -> dict[int, float]:
         columns = [(t.time, t.farthest, t.ranks, t.boxes, t.expected) for t in self._history.values()]
         time, farthest, ranks, boxes, expected = np.array(columns, dtype=np.float64).T
         moved, n = farthest > MOVED, len(time)
@@ -97,7 +97,7 @@ class StandingThings:
             share = (SHARE * PRIOR_TRACKS + thing.sum()) / (PRIOR_TRACKS + n)
             odds = (usual - figures) @ SLOPES * boxes / (boxes + LEAST_BOXES) + motion + logit(share)
             thing = expit(odds)
-        self._odds = dict(zip(self._history, odds.tolist(), strict=True))
+        return dict(zip(self._history, odds.tolist(), strict=True))
 
     def likely(self, tree: Ints, probability: float) -> Mask:
         """Which trees (n,) are of things with more than this probability."""

@@ -1,5 +1,7 @@
 """Conflicts between leaves: shared trees and boxes, and inherited conflicts."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from tracker.detections.cross_view import CrossViewGroup
@@ -33,3 +35,5 @@ def test_two_tracks_that_stay_too_near_each_other_are_of_one_person() -> None:
     assert np.argwhere(np.triu(one)).tolist() == [[0, 1], [0, 4], [1, 2], [1, 4], [2, 4], [3, 4]]
     np.testing.assert_array_equal(one, one.T)
     assert not of_one_body(remembering(walker, beside), 0.0).any()
+    leaves = remembering(walker, beside)
+    assert not of_one_body(replace(leaves, deleted=np.array([True, False])), 0.3).any()

@@ -19,7 +19,7 @@ def judged(rank: Array, found: Array, walks: Array, ticks: int = 60) -> Standing
         place = start + np.column_stack([walks * PERIOD * k, np.zeros(len(rank))]) + rng.normal(0.0, 0.03, start.shape)
         ranks = np.clip(rank[:, None] + rng.normal(0.0, 0.1, (len(rank), VIEWS)), 0.0, 1.0)
         ranks[rng.random(ranks.shape) >= found[:, None]] = np.nan
-        things.learn(PERIOD, np.arange(1, len(rank) + 1), (place, np.full(len(rank), 0.05)), ranks, np.ones(ranks.shape))
+        things.learn(PERIOD, np.arange(1, len(rank) + 1), (place, np.full(len(rank), 0.05)), ranks, np.ones(ranks.shape), set())
     return things
 
 
@@ -42,8 +42,22 @@ def test_a_thing_is_told_among_many() -> None:
     assert things.likely(np.arange(1, 15), 0.8).tolist() == [False] * 4 + [True] * 10
 
 
-def test_tracks_that_ended_and_unknown_ones_are_no_things() -> None:
+def nobody(things: StandingThings, alive: set[int]) -> None:
+    """A tick at which no track is in the hypothesis."""
+    things.learn(PERIOD, np.zeros(0, dtype=np.int64), (np.zeros((0, 2)), np.zeros(0)), np.zeros((0, VIEWS)), np.zeros((0, VIEWS)), alive)
+
+
+def test_a_hidden_thing_is_remembered_while_its_track_lives() -> None:
+    things = judged(np.array([0.7, 0.75, 0.7, 0.3]), np.array([0.95, 0.9, 0.95, 0.5]), np.array([1.0, 1.0, 0.0, 0.0]))
+    for _ in range(10):
+        nobody(things, {1, 2, 3, 4})
+    assert things.likely(np.arange(1, 5), 0.8).tolist() == [False, False, False, True]
+    nobody(things, set())
+    assert not things.likely(np.arange(1, 5), 0.8).any()
+
+
+def test_unknown_tracks_are_no_things() -> None:
     things = StandingThings()
     assert not things.likely(np.array([1, 2]), 0.8).any()
-    things.learn(PERIOD, np.zeros(0, dtype=np.int64), (np.zeros((0, 2)), np.zeros(0)), np.zeros((0, VIEWS)), np.zeros((0, VIEWS)))
+    nobody(things, set())
     assert not things.likely(np.array([1]), 0.8).any()
