@@ -26,6 +26,11 @@ NEAREST, FARTHEST, COUNT = 1.0, 60.0, 272
 REFINEMENT = 3
 """Samples of occluders per grid point, so that thin walls are not missed."""
 
+DISTANCE = np.geomspace(NEAREST, FARTHEST, COUNT)
+STEP = DISTANCE * np.log(DISTANCE[1] / DISTANCE[0])
+FINE = np.geomspace(NEAREST, FARTHEST, REFINEMENT * (COUNT - 1) + 1)
+"""m: the grid of distances, their spacing, and the distances at which occluders are sampled."""
+
 MIN_SIGMA = 1e-3
 """m, least standard deviation of a distance."""
 
@@ -137,46 +142,41 @@ def infer_ranges(world: tuple[Ground, Ground], origin: Array, edges: BoxEdges, a
 
     world: the ground, and the tops of the objects on it; ahead m: distance of the point where soles end before the middle of the body.
     """
-    distance = np.geomspace(NEAREST, FARTHEST, COUNT)
-    step = distance * np.log(distance[1] / distance[0])
-    fine = np.geomspace(NEAREST, FARTHEST, REFINEMENT * (COUNT - 1) + 1)
     azimuth = edges.azimuth[:, None] + LEG_COLUMNS * edges.half_width[:, None]
-    places = origin[:2] + fine[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)[:, :, None, :]
+    places = origin[:2] + FINE[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)[:, :, None, :]
     grounds = world if world[0] is not world[1] else world[:1]
     profiles = [g.height_at(places.reshape(-1, 2)).reshape(places.shape[:3]) - origin[2] for g in grounds]
     middle = len(LEG_COLUMNS) // 2
     level = profiles[0][:, middle, ::REFINEMENT]
     sigma = np.sqrt(edges.variance)[:, None]
 
-    height, error = distance * np.tan(edges.high)[:, None] - level, np.hypot(sigma * distance, HEAD_SIGMA)
-    total, covered = _edge_density(profiles, (distance, step, fine), edges, ahead)
+    height, error = DISTANCE * np.tan(edges.high)[:, None] - level, np.hypot(sigma * DISTANCE, HEAD_SIGMA)
+    total, covered = _edge_density(profiles, edges, ahead)
     if walkable := WalkablePrior.of(*world):
         prior = walkable.at(places[:, middle, ::REFINEMENT])
         total, covered = total * prior, covered * prior
     _, likelihood = _height_likelihood(height - statures.mean, statures.sigma**2 + error**2, height, statures)
-    density, weight = _normalized(total * likelihood, step)
-    mean = weight @ distance
-    spread = np.sqrt(np.maximum((weight * (distance - mean[:, None]) ** 2).sum(axis=1), MIN_SIGMA**2))
-    feet_hidden = (covered * likelihood) @ step / np.maximum(density, 1e-12)
-    return RangeLikelihood(distance, step, total, height, error, mean, spread, feet_hidden, density > 1e-9, statures)
+    density, weight = _normalized(total * likelihood, STEP)
+    mean = weight @ DISTANCE
+    spread = np.sqrt(np.maximum((weight * (DISTANCE - mean[:, None]) ** 2).sum(axis=1), MIN_SIGMA**2))
+    feet_hidden = (covered * likelihood) @ STEP / np.maximum(density, 1e-12)
+    return RangeLikelihood(DISTANCE, STEP, total, height, error, mean, spread, feet_hidden, density > 1e-9, statures)
 
 
-def _edge_density(profiles: list[Array], grid: tuple[Array, Array, Array], edges: BoxEdges, ahead: float) -> tuple[Array, Array]:
+def _edge_density(profiles: list[Array], edges: BoxEdges, ahead: float) -> tuple[Array, Array]:
     """Density (n, k) of the boxes' lower edges at each distance, per radian, and the part of it with hidden feet.
 
     profiles: heights (n, columns, fine) m over the eye, of the ground, and of tops where they are not the ground.
-    grid: the distances, their steps, and the fine distances, m.
     """
-    distance, step, fine = grid
     level, sigma = profiles[0][:, len(LEG_COLUMNS) // 2, ::REFINEMENT], np.sqrt(edges.variance)[:, None]
-    feet, body = np.arctan(level / (distance - ahead)), np.arctan(MAX_OCCLUSION / distance)
+    feet, body = np.arctan(level / (DISTANCE - ahead)), np.arctan(MAX_OCCLUSION / DISTANCE)
     # The lowest point of a walking body is on the ground a little in front of or behind it.
-    stray = FOOT_SIGMA * np.abs(np.gradient(feet, axis=1) / step)
-    rough = np.hypot(sigma, TOP_SIGMA / distance)
+    stray = FOOT_SIGMA * np.abs(np.gradient(feet, axis=1) / STEP)
+    rough = np.hypot(sigma, TOP_SIGMA / DISTANCE)
     found = []
     for heights in profiles:
         # A box ends at the lowest visible point, between or beside the occluders, or at the edge of the image.
-        before = np.arctan(_steepest(heights / fine, fine)[..., ::REFINEMENT].min(axis=1))
+        before = np.arctan(_steepest(heights / FINE, FINE)[..., ::REFINEMENT].min(axis=1))
         before = np.maximum(before, edges.border[:, None])
         edge, hides = np.maximum(feet, before), before > feet
         above, blur = edges.low[:, None] - edge, np.where(hides, rough, np.hypot(sigma, stray))
