@@ -230,14 +230,13 @@ def _images(given: Mapping[str, Any]) -> ImageParameters:
     """What is extracted from images: nothing without `images`."""
     from tracker.detections.front_end import ImageParameters
     from tracker.detections.optical_flow import TrackletParameters
-    from tracker.detections.silhouettes import SilhouetteParameters
 
     tracklets = {name: given[name] for name in ("l_c", "delta_min", "omega") if name in given}
     if not given.get("images", False):
         if tracklets:
             raise ValueError("--l-c, --delta-min and --omega need --images")
         return ImageParameters()
-    return ImageParameters(TrackletParameters(**tracklets) if tracklets else None, SilhouetteParameters(), appearance=True)
+    return ImageParameters(TrackletParameters(**tracklets) if tracklets else None, silhouettes=True, appearance=True)
 
 
 def load_function(text: str, what: str) -> Any:

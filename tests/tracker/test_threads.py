@@ -15,7 +15,6 @@ from tests.tracker.person_detector.test_detected_ticks import setup as rovers
 from tests.tracker.street import NAME, Street
 from tracker.detections.front_end import ImageParameters
 from tracker.detections.optical_flow import TrackletParameters
-from tracker.detections.silhouettes import SilhouetteParameters
 from tracker.geometry import Pose
 from tracker.geometry.cameras import Panorama
 from tracker.pipeline import Parameters, track
@@ -57,7 +56,7 @@ def street() -> Scene:
         found = rng.random(len(people)) < 0.7
         views = [replace(place.tick(k, people, found).views[0], camera=name) for name, place in zip(mounts, (where, other), strict=True)]
         out.append(Tick(k, k * one.period, tuple(views)))
-    images = ImageParameters(TrackletParameters(), SilhouetteParameters(), appearance=True)
+    images = ImageParameters(TrackletParameters(), silhouettes=True, appearance=True)
     return replace(one, mounts=mounts, starts=starts), out, Parameters(images=images)
 
 

@@ -17,22 +17,20 @@ from numpy.typing import NDArray
 from tracker.geometry import Array, Floats, Mask
 from tracker.geometry.compilation import njit
 
-
-@dataclass(frozen=True)
-class BackgroundParameters:
-    """Times in s, colours in levels of 255."""
-
-    threshold: float = 3.0  # standard deviations from which a pixel is foreground
-    min_noise: float = 5.5  # least standard deviation of a pixel, over its three colours
-    max_noise: float = 30.0  # greatest standard deviation of a pixel
-    shadow: tuple[float, float] = (0.55, 0.97)  # least and greatest brightness of a shadow, as a share of the background's
-    shadow_colour: float = 8.0  # greatest other change of colour in a shadow
-    stable: float = 1.5  # time for which a pixel must be stable to become known
-    memory: float = 8.5  # time constant of the background
-    person_memory: float = 10.0  # time after the last box on a pixel for which its foreground counts as a person
-    absorb_person: float = 200.0  # time constant with which such foreground becomes background
-    absorb_object: float = 5.0  # time constant with which other foreground becomes background
-    scene_change: float = 0.4  # share of foreground pixels above which the model starts anew: the light or the scene has changed
+THRESHOLD = 3.0
+"""Standard deviations from which a pixel is foreground."""
+MIN_NOISE, MAX_NOISE = 5.5, 30.0
+"""Least and greatest standard deviation of a pixel, over its three colours, levels of 255."""
+SHADOW, SHADOW_COLOUR = (0.55, 0.97), 8.0
+"""Least and greatest brightness of a shadow, as a share of the background's; greatest other change of colour, levels of 255."""
+STABLE, MEMORY = 1.5, 8.5
+"""s for which a pixel must be stable to become known; time constant of the background, s."""
+PERSON_MEMORY = 10.0
+"""s after the last box on a pixel for which its foreground counts as a person."""
+ABSORB_PERSON, ABSORB_OBJECT = 200.0, 5.0
+"""s, time constants with which such foreground and other foreground become background."""
+SCENE_CHANGE = 0.4
+"""Share of foreground pixels above which the model starts anew: the light or the scene has changed."""
 
 
 @dataclass(eq=False)
@@ -49,9 +47,9 @@ class _Scene:
 class BackgroundModel:
     """Background model of one camera; causal: its state depends on the images and boxes so far."""
 
-    def __init__(self, period: float, parameters: BackgroundParameters | None = None) -> None:
+    def __init__(self, period: float) -> None:
         """period: usual s from image to image."""
-        self.period, self.parameters = period, parameters or BackgroundParameters()
+        self.period = period
         self._scene: _Scene | None = None
         self._seen = 0
 
@@ -60,26 +58,25 @@ class BackgroundModel:
 
         elapsed: s since the image before, the period by default. An image of another size starts the model anew.
         """
-        p, elapsed = self.parameters, self.period if elapsed is None else elapsed
+        elapsed = self.period if elapsed is None else elapsed
         now = cv2.GaussianBlur(image, (3, 3), 0).astype(np.float32)
         s, none = self._scene, np.zeros(people.shape, dtype=np.bool_)
         if s is not None and s.known.shape == people.shape:
-            differs, shadow = _subtract(now, s.colour, s.variance, s.known, np.array([p.threshold**2, *p.shadow, p.shadow_colour**2]))
-            if differs.sum() <= p.scene_change * max(s.known.sum(), 1):
+            differs, shadow = _subtract(now, s.colour, s.variance, s.known, np.array([THRESHOLD**2, *SHADOW, SHADOW_COLOUR**2]))
+            if differs.sum() <= SCENE_CHANGE * max(s.known.sum(), 1):
                 self._seen += 1
                 scene = s.colour, s.variance, s.known, s.stable, s.since_box
                 _adapt(now, scene, (differs, people), self._rates(elapsed), self._limits(elapsed))
                 body = cv2.medianBlur((differs & ~shadow).astype(np.uint8), 3) > 0
                 return np.asarray(body), ~s.known
         known, ages = none.copy(), np.zeros(people.shape)
-        self._scene = _Scene(now, np.full(people.shape, 2 * p.min_noise**2, np.float32), known, ages, ages + round(p.person_memory / self.period) + 1)
+        self._scene = _Scene(now, np.full(people.shape, 2 * MIN_NOISE**2, np.float32), known, ages, ages + round(PERSON_MEMORY / self.period) + 1)
         self._seen = 0
         return none, ~none
 
     def _rates(self, elapsed: float) -> Array:
         """Adaptation rates (3,) of background pixels, of foreground pixels under recent boxes, and of other foreground pixels, after `elapsed` s."""
-        p = self.parameters
-        rates = elapsed / np.array([p.memory, p.absorb_person, p.absorb_object])
+        rates = elapsed / np.array([MEMORY, ABSORB_PERSON, ABSORB_OBJECT])
         return np.minimum(np.maximum(rates, [1 / (self._seen + 1), 0.0, 0.0]), 1.0)
 
     def _limits(self, elapsed: float) -> Array:
@@ -87,9 +84,8 @@ class BackgroundModel:
 
         Then periods until a pixel is known, for which boxes are recent, and since the image before.
         """
-        p = self.parameters
-        noise = p.min_noise**2, p.max_noise**2, 2 * (p.threshold * p.min_noise) ** 2
-        return np.array([*noise, p.stable / self.period, p.person_memory / self.period, elapsed / self.period])
+        noise = MIN_NOISE**2, MAX_NOISE**2, 2 * (THRESHOLD * MIN_NOISE) ** 2
+        return np.array([*noise, STABLE / self.period, PERSON_MEMORY / self.period, elapsed / self.period])
 
 
 @njit(cache=True)

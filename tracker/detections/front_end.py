@@ -19,7 +19,7 @@ from tracker.detections.boxes import approximate_pixel_boxes
 from tracker.detections.ground_points import FusionParameters, GroundDetections, project_to_ground
 from tracker.detections.occlusion import Viewpoint
 from tracker.detections.optical_flow import KltTracklets, TrackletParameters
-from tracker.detections.silhouettes import SilhouetteParameters, Silhouettes
+from tracker.detections.silhouettes import Silhouettes
 from tracker.geometry import Array, Image, Mask, Pose
 from tracker.geometry.cameras import Camera
 from tracker.types import Detections, Intervals, Mount, Setup, Tick, View
@@ -47,7 +47,7 @@ class ImageParameters:
     """What is computed from images; None and False switch a part off."""
 
     tracklets: TrackletParameters | None = None  # corners tracked back through the last images (optical_flow.py)
-    silhouettes: SilhouetteParameters | None = None  # people by background subtraction, of fixed cameras (silhouettes.py)
+    silhouettes: bool = False  # people by background subtraction, of fixed cameras (silhouettes.py)
     appearance: bool = False  # colour histograms of people, where the detector gives no vectors
 
 
@@ -61,7 +61,7 @@ class FrontEnd:
         self.fusion, self.images = fusion, images
         self._map = map if threads is None else threads.map
         self._tracklets = {name: KltTracklets(mount.camera, images.tracklets) for name, mount in setup.mounts.items() if images.tracklets}
-        self._silhouettes = {name: Silhouettes(mount.camera, _pose(setup, mount), setup, images.silhouettes) for name, mount in fixed.items()}
+        self._silhouettes = {name: Silhouettes(mount.camera, _pose(setup, mount), setup) for name, mount in fixed.items()}
         self._intervals = {name: Intervals(setup.period) for name in fixed}
 
     def step(self, tick: Tick, placed: dict[str, Placed]) -> tuple[list[GroundDetections], list[Viewpoint]]:

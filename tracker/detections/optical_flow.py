@@ -24,6 +24,12 @@ WINDOW, LEVELS = (15, 15), 3
 """Window in px, and pyramid levels, of Lucas-Kanade."""
 MAX_FRAMES = 15
 """Greatest number of frames that corners are tracked back."""
+MAX_CORNERS, MIN_CORNERS = 100, 4
+"""Greatest and least number of corners of a box; the least also of those that agree."""
+INNER_WIDTH = 0.7
+"""Share of a box's width, about its middle, where corners are detected."""
+SIGMA, OUTLIER_SHARE = 0.25, 0.05
+"""Standard deviation of the middle of the right box from its prediction, as a share of a box's width; boxes whose corners follow something else."""
 PAD = 1 / 8
 """Share of a panorama's width that is repeated beyond either side of its seam."""
 
@@ -35,16 +41,11 @@ class TrackletParameters:
     l_c: int = 4  # frames that corners are tracked back
     delta_min: float = 0.05  # px, a corner that moves less is static
     omega: float = 0.3  # share of a box's width: two corners agree if their steps differ by less
-    max_corners: int = 100  # greatest number of corners of a box
-    min_corners: int = 4  # least number of corners of a box, and of those that agree
-    inner_width: float = 0.7  # share of a box's width, about its middle, where corners are detected
-    sigma: float = 0.25  # share of a box's width: standard deviation of the middle of the right box from its prediction
-    outlier_share: float = 0.05  # share of boxes whose corners follow something else
 
     def __post_init__(self) -> None:
         if not 1 <= self.l_c <= MAX_FRAMES:
             raise ValueError(f"l_c is {self.l_c}, needs 1 to {MAX_FRAMES}")
-        for name in ("delta_min", "omega", "sigma"):
+        for name in ("delta_min", "omega"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} is {getattr(self, name)}, needs more than 0")
 
@@ -62,11 +63,11 @@ class Frame:
     middle: Array
     size: Array
 
-    def corners(self, box: int, p: TrackletParameters) -> Array:
+    def corners(self, box: int) -> Array:
         """Corners (k, 2) px of a box outside nearer boxes, which end lower; none where there are too few."""
         if not np.isfinite(self.middle[box]).all():
             return np.zeros((0, 2))
-        half = self.size[box] / 2 * [p.inner_width, 0.9]
+        half = self.size[box] / 2 * [INNER_WIDTH, 0.9]
         low = np.maximum(np.floor(self.middle[box] - half).astype(int), 0)
         high = np.minimum(np.ceil(self.middle[box] + half).astype(int), self.gray.shape[::-1])
         if (high - low < 4).any():
@@ -78,8 +79,8 @@ class Frame:
             b = np.maximum(np.ceil(self.middle[other] + self.size[other] / 2 - low).astype(int), 0)
             mask[a[1] : b[1], a[0] : b[0]] = 0
         patch = np.ascontiguousarray(self.gray[low[1] : high[1], low[0] : high[0]])
-        found = cv2.goodFeaturesToTrack(patch, p.max_corners, 0.01, 2, mask=mask, blockSize=3)
-        if found is None or len(found) < p.min_corners:
+        found = cv2.goodFeaturesToTrack(patch, MAX_CORNERS, 0.01, 2, mask=mask, blockSize=3)
+        if found is None or len(found) < MIN_CORNERS:
             return np.zeros((0, 2))
         return np.asarray(found.reshape(-1, 2) + low, dtype=np.float64)
 
@@ -121,7 +122,7 @@ class KltTracklets:
     def _trace_back(self, now: Frame) -> list[Array]:
         """Middles (n, 2) px of the boxes of `now` in each past frame, as their corners predict them; NaN where they do not."""
         p, n = self.parameters, len(now.middle)
-        found = [now.corners(box, p) for box in range(n)]
+        found = [now.corners(box) for box in range(n)]
         owner = np.repeat(np.arange(n), [len(f) for f in found])
         points = np.concatenate([*found, np.zeros((0, 2))])
         middle, out, image = now.middle.copy(), [], now.gray
@@ -145,15 +146,14 @@ class KltTracklets:
 
     def _log_ratios(self, then: Frame, now: Frame, traced: Array) -> Array:
         """Log-likelihood ratios (m, n) of the boxes of `then` for the boxes of `now`, whose middles are traced back to (n, 2) px."""
-        p = self.parameters
         offset = then.middle[:, None] - traced[None]
         if np.isfinite(now.turn):
             offset[..., 0] = (offset[..., 0] + now.turn / 2) % now.turn - now.turn / 2
         width = (then.size[:, None, 0] + now.size[None, :, 0]) / 2
         square = (offset**2).sum(axis=2) / width**2
         # The right box is normally distributed about the prediction; another one is uniform within a width.
-        right = np.exp(-0.5 * square / p.sigma**2) / (2 * np.pi * p.sigma**2)
-        ratio = np.log((1 - p.outlier_share) * right * np.pi + p.outlier_share)
+        right = np.exp(-0.5 * square / SIGMA**2) / (2 * np.pi * SIGMA**2)
+        ratio = np.log((1 - OUTLIER_SHARE) * right * np.pi + OUTLIER_SHARE)
         return np.where(np.isfinite(square), ratio, 0.0)
 
 
@@ -188,7 +188,7 @@ def vote_shift(steps: Array, width: float, p: TrackletParameters) -> tuple[Array
 
     Where fewer than half of the corners move, the shift is 0. Else it is the median of the largest set that agrees with one of its steps.
     """
-    if len(steps) < p.min_corners:
+    if len(steps) < MIN_CORNERS:
         return np.full(2, np.nan), np.zeros(len(steps), dtype=bool)
     moved = np.linalg.norm(steps, axis=1) >= p.delta_min
     if 2 * moved.sum() < len(steps):
@@ -196,6 +196,6 @@ def vote_shift(steps: Array, width: float, p: TrackletParameters) -> tuple[Array
     near = np.linalg.norm(steps[:, None] - steps[None], axis=2) < p.omega * width
     near &= moved[None, :] & moved[:, None]
     agree = near[int(near.sum(axis=1).argmax())]
-    if agree.sum() < p.min_corners:
+    if agree.sum() < MIN_CORNERS:
         return np.full(2, np.nan), np.zeros(len(steps), dtype=bool)
     return np.asarray(np.median(steps[agree], axis=0)), agree

@@ -8,14 +8,14 @@ against a person behind it, and pixels that a body explains count once. The like
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.detections.background import BackgroundModel, BackgroundParameters
+from tracker.detections.background import BackgroundModel
 from tracker.detections.boxes import approximate_pixel_boxes, detections_from_boxes
 from tracker.detections.ground_points import GroundDetections
 from tracker.geometry import Array, Image, Ints, Mask, Pose
@@ -31,26 +31,26 @@ FARTHEST_PIXEL = 10_000
 """Largest coordinate of a corner of a pillar, which is drawn in whole numbers."""
 
 
-@dataclass(frozen=True)
-class SilhouetteParameters:
-    """Pixels are those of the image at `width`."""
-
-    width: int = 384  # px, images are scaled down to it
-    body_foreground: float = 0.85  # share of a body's pixels that are foreground
-    other_foreground: float = 0.03  # share of other pixels that are foreground
-    full_score: float = 8.0  # log-likelihood ratio of a body that is wholly visible
-    min_score: float = 1.8  # log-likelihood ratio from which a body is a person
-    size_power: float = 0.5  # power of a body's size by which scores are divided: 1 would favour small bodies, 0 large ones
-    explained_margin: float = 0.03  # of the height, by which the explained area is wider than the body on either side
-    max_people: int = 40  # in an image
-    reach: float = 45.0  # m, greatest distance of a body
-    area_margin: float = 3.0  # m, greatest distance of a body beyond the area
-    min_height: int = 12  # px
-    steps: tuple[int, int] = (2, 1)  # px between candidate places, along rows and columns
-    stature: float = 1.8  # m, mean of people as boxes show them, before any are measured
-    stature_weight: float = 30.0  # number of measurements for which that mean counts
-    min_confidence: float = 0.6  # least confidence of boxes whose pixels count as those of people
-    background: BackgroundParameters = field(default_factory=BackgroundParameters)
+WIDTH = 384
+"""px, images are scaled down to it; all that follows in px is of such an image."""
+BODY_FOREGROUND, OTHER_FOREGROUND = 0.85, 0.03
+"""Shares of a body's pixels, and of other pixels, that are foreground."""
+FULL_SCORE, MIN_SCORE = 8.0, 1.8
+"""Log-likelihood ratio of a body that is wholly visible, and the one from which a body is a person."""
+SIZE_POWER = 0.5
+"""Power of a body's size by which scores are divided: 1 would favour small bodies, 0 large ones."""
+EXPLAINED_MARGIN = 0.03
+"""Share of the height by which the explained area is wider than the body on either side."""
+MAX_PEOPLE = 40
+"""Largest number of people in an image."""
+REACH, AREA_MARGIN = 45.0, 3.0
+"""m, greatest distance of a body, and greatest distance beyond the area."""
+MIN_HEIGHT, STEPS = 12, (2, 1)
+"""px, least height of a body, and steps between candidate places along rows and columns."""
+STATURE, STATURE_WEIGHT = 1.8, 30.0
+"""m, mean of people as boxes show them, before any are measured; number of measurements for which it counts."""
+MIN_CONFIDENCE, SURE = 0.6, 0.9
+"""Least confidence of boxes whose pixels count as those of people, and of boxes that measure statures."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,13 +72,12 @@ class Silhouettes:
     pose: T_world_camera. The attribute `foreground` (H, W) holds that of the last image, at the size to which images are scaled.
     """
 
-    def __init__(self, camera: Camera, pose: Pose, setup: Setup, parameters: SilhouetteParameters | None = None) -> None:
-        self.camera, self.pose, self.setup, self.parameters = camera, pose, setup, parameters or SilhouetteParameters()
-        p = self.parameters
-        self.background = BackgroundModel(setup.period, p.background)
-        self.shape = (max(round(p.width * camera.height / camera.width), 1), p.width)
-        self._scale = p.width / camera.width, self.shape[0] / camera.height
-        self._stature_sum, self._weight = p.stature * p.stature_weight, p.stature_weight
+    def __init__(self, camera: Camera, pose: Pose, setup: Setup, width: int = WIDTH) -> None:
+        self.camera, self.pose, self.setup = camera, pose, setup
+        self.background = BackgroundModel(setup.period)
+        self.shape = (max(round(width * camera.height / camera.width), 1), width)
+        self._scale = width / camera.width, self.shape[0] / camera.height
+        self._stature_sum, self._weight = STATURE * STATURE_WEIGHT, STATURE_WEIGHT
         self._candidates: dict[int, CandidateBodies] = {}
         self.foreground = np.zeros(self.shape, dtype=np.bool_)
 
@@ -88,16 +87,15 @@ class Silhouettes:
         detections and feet: the boxes of another detector in it, as angles and on the ground.
         elapsed: s since the image before, the period by default.
         """
-        p = self.parameters
         small = cv2.resize(image, (self.shape[1], self.shape[0]), interpolation=cv2.INTER_AREA)
-        people = self._box_mask(detections.confidence >= p.min_confidence, detections)
+        people = self._box_mask(detections.confidence >= MIN_CONFIDENCE, detections)
         body, unknown = self.background.step(np.asarray(small, dtype=np.uint8), people, elapsed)
         self.foreground = body
         self._learn_stature(feet)
         stature = round(self._stature_sum / self._weight * 20)
         if stature not in self._candidates:
             self._candidates[stature] = self._candidate_bodies(stature / 20)
-        found, score = explain_foreground(body, unknown, self.hidden, self._candidates[stature], p)
+        found, score = explain_foreground(body, unknown, self.hidden, self._candidates[stature])
         height = found.foot[:, 1] - found.head[:, 1]
         boxes = np.column_stack([found.foot[:, 0] - HALF_WIDTH * height, found.head[:, 1], 2 * HALF_WIDTH * height, height]) / (
             *self._scale,
@@ -128,24 +126,24 @@ class Silhouettes:
 
     def _candidate_bodies(self, stature: float) -> CandidateBodies:
         """Bodies of that stature (m) at all candidate places."""
-        p, origin = self.parameters, self.pose.translation
-        u, v = np.meshgrid(np.arange(0.5, self.shape[1], p.steps[0]), np.arange(0.5, self.shape[0], p.steps[1]))
+        origin = self.pose.translation
+        u, v = np.meshgrid(np.arange(0.5, self.shape[1], STEPS[0]), np.arange(0.5, self.shape[0], STEPS[1]))
         foot = np.column_stack([u.ravel(), v.ravel()])
         rays = self.camera.bearings_from_pixels(foot / self._scale - 0.5 + self.camera.pixel_centre) @ self.pose.rotation.T
-        point, grounded = self.setup.ground.intersect(np.broadcast_to(origin, rays.shape), rays, p.reach)
-        grounded &= self.setup.distance_beyond(point) <= p.area_margin
+        point, grounded = self.setup.ground.intersect(np.broadcast_to(origin, rays.shape), rays, REACH)
+        grounded &= self.setup.distance_beyond(point) <= AREA_MARGIN
         foot, point = foot[grounded], point[grounded]
         head = self._pixels(point + np.array([0.0, 0.0, stature]))
         distance = np.hypot(*(point - origin)[:, :2].T)
         nearest = min((np.hypot(*(row[:2] - origin[:2])) for row in self.setup.pillars), default=np.inf)
         with np.errstate(invalid="ignore"):
-            upright = (foot[:, 1] - head[:, 1] >= p.min_height) & np.isfinite(head).all(axis=1)
+            upright = (foot[:, 1] - head[:, 1] >= MIN_HEIGHT) & np.isfinite(head).all(axis=1)
         return CandidateBodies(foot, head, distance < nearest).select(upright)
 
     def _learn_stature(self, feet: GroundDetections) -> None:
         """Learn the mean stature as this camera's boxes show it: calibrations err by some per cent."""
         low, high = self.setup.height
-        tall = feet.height[feet.grounded & ~feet.occludable & (feet.confidence >= 0.9) & (feet.height > low + 0.1) & (feet.height < high - 0.1)]
+        tall = feet.height[feet.grounded & ~feet.occludable & (feet.confidence >= SURE) & (feet.height > low + 0.1) & (feet.height < high - 0.1)]
         self._stature_sum, self._weight = self._stature_sum + float(tall.sum()), self._weight + len(tall)
 
     def _box_mask(self, chosen: Mask, detections: Detections) -> Mask:
@@ -160,14 +158,14 @@ class Silhouettes:
         return out
 
 
-def explain_foreground(body: Mask, unknown: Mask, hidden: Mask, bodies: CandidateBodies, p: SilhouetteParameters) -> tuple[CandidateBodies, Array]:
+def explain_foreground(body: Mask, unknown: Mask, hidden: Mask, bodies: CandidateBodies) -> tuple[CandidateBodies, Array]:
     """The people who explain a foreground `body` (H, W), and their scores (n,).
 
     A score is the log-likelihood ratio of the foreground with the person over without, given the others.
     unknown, hidden (H, W): pixels without evidence, and pixels that pillars cover.
     """
-    a, b = float(np.log(p.body_foreground / p.other_foreground)), float(np.log((1 - p.body_foreground) / (1 - p.other_foreground)))
-    weight = np.where(body, a, b) * ~unknown * p.full_score / a
+    a, b = float(np.log(BODY_FOREGROUND / OTHER_FOREGROUND)), float(np.log((1 - BODY_FOREGROUND) / (1 - OTHER_FOREGROUND)))
+    weight = np.where(body, a, b) * ~unknown * FULL_SCORE / a
     foot, head, front, taken = bodies.foot, bodies.head, bodies.front, np.zeros(body.shape, dtype=np.int64)
     if not body.any() or not len(foot):
         return bodies.select(np.zeros(0, dtype=np.int64)), np.zeros(0)
@@ -177,26 +175,26 @@ def explain_foreground(body: Mask, unknown: Mask, hidden: Mask, bodies: Candidat
         # A foreground pixel is not covered by a pillar, whatever the map of pillars says.
         sums = [np.asarray(cv2.integral(pixels), dtype=np.float64) for pixels in (np.where(hidden, np.maximum(free, 0.0), free), free)]
         some = np.arange(len(foot)) if rows is None else rows
-        score, rank = _scores((sums[0], sums[1]), (foot[some], head[some], front[some]), PARTS, p.size_power)
-        return int(np.argmax(np.where(score >= p.min_score, rank, -np.inf))), score
+        score, rank = _scores((sums[0], sums[1]), (foot[some], head[some], front[some]), PARTS, SIZE_POWER)
+        return int(np.argmax(np.where(score >= MIN_SCORE, rank, -np.inf))), score
 
     _, score = best(None)
-    rows = np.flatnonzero(score >= p.min_score - 1)
+    rows = np.flatnonzero(score >= MIN_SCORE - 1)
     chosen: list[int] = []
-    while len(rows) and len(chosen) < p.max_people:
+    while len(rows) and len(chosen) < MAX_PEOPLE:
         k, score = best(rows)
-        if score[k] < p.min_score:
+        if score[k] < MIN_SCORE:
             break
         chosen.append(k)
-        _count_explained(taken, foot[rows[k]], head[rows[k]], PARTS, (p.explained_margin, 1))
+        _count_explained(taken, foot[rows[k]], head[rows[k]], PARTS, (EXPLAINED_MARGIN, 1))
     final = np.zeros(len(chosen))
     for i, k in enumerate(chosen):
-        _count_explained(taken, foot[rows[k]], head[rows[k]], PARTS, (p.explained_margin, -1))
+        _count_explained(taken, foot[rows[k]], head[rows[k]], PARTS, (EXPLAINED_MARGIN, -1))
         new, score = best(rows)
-        chosen[i] = new if score[new] >= p.min_score else -1
+        chosen[i] = new if score[new] >= MIN_SCORE else -1
         if chosen[i] >= 0:
             final[i] = score[new]
-            _count_explained(taken, foot[rows[new]], head[rows[new]], PARTS, (p.explained_margin, 1))
+            _count_explained(taken, foot[rows[new]], head[rows[new]], PARTS, (EXPLAINED_MARGIN, 1))
     kept = np.array(chosen, dtype=np.int64) >= 0
     return bodies.select(rows[np.array(chosen, dtype=np.int64)[kept]]), final[kept]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tracker.detections.background import BackgroundModel, BackgroundParameters
+from tracker.detections.background import ABSORB_OBJECT, PERSON_MEMORY, STABLE, BackgroundModel
 from tracker.geometry import Mask
 
 SHAPE, PERIOD = (60, 80), 1 / 7
@@ -36,10 +36,10 @@ def settled(rng: np.random.Generator, ticks: int = 40) -> BackgroundModel:
 
 
 def test_a_stable_scene_becomes_known_and_has_no_foreground() -> None:
-    rng, model, p = np.random.default_rng(1), BackgroundModel(PERIOD), BackgroundParameters()
+    rng, model = np.random.default_rng(1), BackgroundModel(PERIOD)
     for tick in range(30):
         body, unknown = model.step(image(rng), NOBODY)
-        assert unknown.all() or tick * PERIOD > p.stable
+        assert unknown.all() or tick * PERIOD > STABLE
         assert body.mean() < 0.005
     assert unknown.mean() < 0.01
 
@@ -73,15 +73,15 @@ def test_people_at_the_start_stay_unknown_while_a_detector_finds_them() -> None:
 
 
 def test_people_who_stop_stay_foreground_and_other_objects_become_background() -> None:
-    rng, p = np.random.default_rng(5), BackgroundParameters()
+    rng = np.random.default_rng(5)
     person, thing = block(15), block(50)
     model = settled(rng)
-    for _ in range(round(p.absorb_object * 4 / PERIOD)):
+    for _ in range(round(ABSORB_OBJECT * 4 / PERIOD)):
         body, _ = model.step(image(rng, person | thing), person)
     assert body[person].mean() > 0.9
     assert body[thing].mean() < 0.1
     # Boxes are missing, but recent ones keep the person in the foreground.
-    for _ in range(round(0.8 * p.person_memory / PERIOD)):
+    for _ in range(round(0.8 * PERSON_MEMORY / PERIOD)):
         body, _ = model.step(image(rng, person | thing), NOBODY)
     assert body[person].mean() > 0.9
 
@@ -99,9 +99,9 @@ def test_a_change_of_light_or_size_starts_the_model_anew() -> None:
 @pytest.mark.parametrize("every", [1, 3])
 def test_times_of_the_background_are_seconds_at_any_rate_of_images(every: int) -> None:
     """A thing appears, and a scene becomes known, after the same time with every image as with every third."""
-    rng, p, thing = np.random.default_rng(6), BackgroundParameters(), block(40)
+    rng, thing = np.random.default_rng(6), block(40)
     model, elapsed = BackgroundModel(PERIOD), every * PERIOD
     known = next(k * elapsed for k in range(100) if model.step(image(rng), NOBODY, elapsed)[1].mean() < 0.01)
-    assert known == pytest.approx(p.stable, abs=2 * elapsed)
+    assert known == pytest.approx(STABLE, abs=2 * elapsed)
     absorbed = next(k * elapsed for k in range(500) if model.step(image(rng, thing), NOBODY, elapsed)[0][thing].mean() < 0.1)
-    assert 0.3 * p.absorb_object < absorbed < 3 * p.absorb_object
+    assert 0.3 * ABSORB_OBJECT < absorbed < 3 * ABSORB_OBJECT

@@ -10,7 +10,6 @@ import pytest
 from tests.tracker.street import NAME, PERIOD, Street
 from tracker.datasets import synthetic_crowd
 from tracker.detections.front_end import SILHOUETTES, FrontEnd, ImageParameters
-from tracker.detections.silhouettes import SilhouetteParameters
 from tracker.geometry import Array
 from tracker.metrics.clear_mot import TargetScore, score
 from tracker.metrics.matching import MatchingFrame
@@ -18,7 +17,7 @@ from tracker.pipeline import Parameters, Tracker, track
 from tracker.tracks.parameters import MhtParameters
 from tracker.types import Tick
 
-IMAGES = ImageParameters(silhouettes=SilhouetteParameters(), appearance=True)
+IMAGES = ImageParameters(silhouettes=True, appearance=True)
 WITH_IMAGES = Parameters(images=IMAGES)
 EMPTY = 15
 

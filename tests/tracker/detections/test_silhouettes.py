@@ -10,7 +10,7 @@ import pytest
 from tests.tracker import street
 from tests.tracker.street import CAMERA, EYE, NAME, Street
 from tracker.detections.ground_points import FusionParameters, GroundDetections, project_to_ground
-from tracker.detections.silhouettes import SilhouetteParameters, Silhouettes, explain_foreground
+from tracker.detections.silhouettes import FULL_SCORE, Silhouettes, explain_foreground
 from tracker.geometry import Array
 from tracker.geometry.cameras import Camera, Cylinder, Fisheye, Pinhole
 from tracker.types import Detections
@@ -69,7 +69,7 @@ def test_everybody_is_detected_without_any_box() -> None:
 def test_people_are_detected_in_images_of_other_cameras(camera: Camera, width: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(street, "CAMERA", camera)
     where = Street()
-    detector = Silhouettes(camera, EYE, where.setup, SilhouetteParameters(width=width))
+    detector = Silhouettes(camera, EYE, where.setup, width)
     for _ in range(15):
         assert not len(detected(detector, where, NOBODY))
     for people in (np.array([[-6.0, -3.0], [0.0, 1.0], [2.0, -1.0]]), np.array([[-8.0, 3.0], [-2.0, -2.0]])):
@@ -95,7 +95,7 @@ def test_a_known_post_is_no_evidence_against_a_person_behind_it() -> None:
 
 
 def test_an_exact_body_is_explained_once_and_unknown_pixels_are_no_evidence() -> None:
-    p, where = SilhouetteParameters(), Street()
+    where = Street()
     detector = Silhouettes(CAMERA, EYE, where.setup)
     candidates = detector._candidate_bodies(1.75)
     place = int(np.argmin(np.abs(candidates.foot - [192, 200]).sum(axis=1)))
@@ -105,12 +105,12 @@ def test_an_exact_body_is_explained_once_and_unknown_pixels_are_no_evidence() ->
         u = head[0] + (foot[0] - head[0]) * (high + low) / 2
         body[round(head[1] + high * tall) : round(head[1] + low * tall), round(u - half * tall) : round(u + half * tall)] = True
     nothing = np.zeros(detector.shape, dtype=bool)
-    found, score = explain_foreground(body, nothing, nothing, candidates, p)
+    found, score = explain_foreground(body, nothing, nothing, candidates)
     assert len(score) == 1
-    assert score[0] == pytest.approx(p.full_score, rel=0.1)
+    assert score[0] == pytest.approx(FULL_SCORE, rel=0.1)
     assert np.abs(found.foot[0] - foot).max() <= 3
-    assert len(explain_foreground(body, ~nothing, nothing, candidates, p)[1]) == 0
-    assert len(explain_foreground(nothing, nothing, nothing, candidates, p)[1]) == 0
+    assert len(explain_foreground(body, ~nothing, nothing, candidates)[1]) == 0
+    assert len(explain_foreground(nothing, nothing, nothing, candidates)[1]) == 0
 
 
 def test_the_mean_stature_is_learned_from_boxes() -> None:

@@ -10,7 +10,6 @@ import pytest
 
 from tracker.detections.front_end import ImageParameters
 from tracker.detections.optical_flow import TrackletParameters
-from tracker.detections.silhouettes import SilhouetteParameters
 from tracker.formats.opening import open_sequence
 from tracker.formats.pets2009 import read_pets
 from tracker.formats.source_options import SourceOptions
@@ -88,8 +87,8 @@ def scores(folder: Path, frames: int, choice: SourceOptions, parameters: Paramet
     return dict(evaluate(short, results)["targets"])
 
 
-WITH_IMAGES = Parameters(images=ImageParameters(None, SilhouetteParameters(), appearance=True), delay=10)
-TRACKLETS = replace(WITH_IMAGES, images=ImageParameters(TrackletParameters(), SilhouetteParameters(), appearance=True))
+WITH_IMAGES = Parameters(images=ImageParameters(None, silhouettes=True, appearance=True), delay=10)
+TRACKLETS = replace(WITH_IMAGES, images=ImageParameters(TrackletParameters(), silhouettes=True, appearance=True))
 
 
 def test_tracking_real_people_with_images(data: Any) -> None:
