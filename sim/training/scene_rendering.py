@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from sim.datasets.presets import confine
 from sim.rendering.panorama import PanoramaRenderer
 from sim.scenario import PLAIN_CLOTHING, VARIED_CLOTHING, Scenario
-from sim.sensors.true_boxes import InstanceImage, People, true_boxes
+from sim.sensors.true_boxes import InstanceImage, People, image_points, true_boxes
 from sim.simulation.lighting import set_light, set_sky
 from sim.simulation.simulation import Simulation, furnished
 from sim.training.camera_sampling import INDOORS, OUTDOORS, CameraSampler, draw_cameras
@@ -157,9 +157,8 @@ class SceneTask:
 
 def _inside(camera: Camera, pose: Pose, people: People, person: Ints) -> Array:
     """Share (n,) of the joints of each person that is within the image, at least one. A true box ends at the border, whatever is beyond."""
-    rays = people.joints[np.searchsorted(people.person, person)].reshape(-1, 3) - pose.translation
-    bearings = rays @ pose.rotation / np.maximum(np.linalg.norm(rays, axis=1), 1e-9)[:, None]
-    inside = camera.pixels_from_bearings(bearings)[1].reshape(len(person), -1)
+    joints = people.joints[np.searchsorted(people.person, person)]
+    inside = image_points(camera, pose, joints.reshape(-1, 3))[1].reshape(len(person), -1)
     return np.asarray(np.maximum(inside.sum(axis=1), 1) / people.joints.shape[1])
 
 
