@@ -9,8 +9,8 @@ import dataclasses
 import json
 import math
 import zlib
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import KW_ONLY, dataclass
+from typing import Annotated, Any, get_origin, get_type_hints
 
 import numpy as np
 
@@ -29,40 +29,8 @@ PLAIN_CLOTHING, VARIED_CLOTHING = "plain", "varied"
 BUILT_LIGHT, LAMPS = "built", "lamps"
 LIGHTS = (BUILT_LIGHT, "overcast", "low", "dim", LAMPS)
 """Kinds of light, as sim.simulation.lighting makes them."""
-OPTIONAL = {
-    "imu": "", "wheels": 0.0, "clock": "", "detector_model": INDEPENDENT, "camera": "", "view_camera": "", "effects": "",
-    "distractors": 0, "groups": 0.0, "sitting": 0.0, "clothing": PLAIN_CLOTHING, "umbrellas": 0.0, "light": BUILT_LIGHT, "wet": 0.0, "speed": 0.7,
-    "facades": 0, "glare": 0.0, "view_clock": "", "robot": "",
-}  # fmt: skip
-"""Optional fields with the values that switch them off. The JSON of a scenario holds only those that are switched on."""
-BOUNDS: dict[str, tuple[float, float]] = {
-    "difficulty": (0.0, 1.0),
-    "seed": (0, 2**63 - 1),
-    "robots": (0, 64),
-    "people": (0, 1000),
-    "at_once": (0, 1000),
-    "children": (0.0, 1.0),
-    "frames": (1, 1_000_000),
-    "rate": (0.5, 60.0),
-    "width": (64, 8192),
-    "camera_height": (0.5, 3.0),
-    "timestep": (0.0005, 0.01),
-    "exposure": (0.0, 4.0),
-    "image_noise": (0.0, 100.0),
-    "misses": (0.0, 1.0),
-    "clutter": (0.0, 100.0),
-    "bearing_noise": (0.0, math.radians(10.0)),
-    "min_visible": (0.0, 1.0),
-    "distractors": (0, 500),
-    "groups": (0.0, 1.0),
-    "sitting": (0.0, 1.0),
-    "umbrellas": (0.0, 1.0),
-    "wet": (0.0, 1.0),
-    "facades": (0, 60),
-    "glare": (0.0, 1.0),
-    "speed": (0.1, 1.5),
-}
-"""Lowest and highest value of every numeric field, both included."""
+Share = Annotated[float, (0.0, 1.0)]
+"""A field with its lowest and highest value, both included."""
 
 
 @dataclass(frozen=True)
@@ -95,23 +63,25 @@ class Scenario:
     """
 
     world: str = "pilsun"
-    difficulty: float = 0.5
-    seed: int = 0
-    robots: int = 4
-    people: int = 10
-    at_once: int = 0
-    children: float = 0.0
-    frames: int = 60
-    rate: float = 6.0
-    width: int = 1024
-    camera_height: float = 1.5
-    timestep: float = 0.005
-    exposure: float = 0.0
-    image_noise: float = 0.0
-    misses: float = 0.1
-    clutter: float = 0.05
-    bearing_noise: float = math.radians(0.15)
-    min_visible: float = 0.2
+    difficulty: Share = 0.5
+    seed: Annotated[int, (0, 2**63 - 1)] = 0
+    robots: Annotated[int, (0, 64)] = 4
+    people: Annotated[int, (0, 1000)] = 10
+    at_once: Annotated[int, (0, 1000)] = 0
+    children: Share = 0.0
+    frames: Annotated[int, (1, 1_000_000)] = 60
+    rate: Annotated[float, (0.5, 60.0)] = 6.0
+    width: Annotated[int, (64, 8192)] = 1024
+    camera_height: Annotated[float, (0.5, 3.0)] = 1.5
+    timestep: Annotated[float, (0.0005, 0.01)] = 0.005
+    exposure: Annotated[float, (0.0, 4.0)] = 0.0
+    image_noise: Annotated[float, (0.0, 100.0)] = 0.0
+    misses: Share = 0.1
+    clutter: Annotated[float, (0.0, 100.0)] = 0.05
+    bearing_noise: Annotated[float, (0.0, math.radians(10.0))] = math.radians(0.15)
+    min_visible: Share = 0.2
+    # Optional fields, whose defaults switch them off.
+    _: KW_ONLY
     imu: str = ""
     wheels: float = 0.0
     clock: str = ""
@@ -119,16 +89,16 @@ class Scenario:
     camera: str = ""
     view_camera: str = ""
     effects: str = ""
-    distractors: int = 0
-    groups: float = 0.0
-    sitting: float = 0.0
+    distractors: Annotated[int, (0, 500)] = 0
+    groups: Share = 0.0
+    sitting: Share = 0.0
     clothing: str = PLAIN_CLOTHING
-    umbrellas: float = 0.0
+    umbrellas: Share = 0.0
     light: str = BUILT_LIGHT
-    wet: float = 0.0
-    speed: float = 0.7
-    facades: int = 0
-    glare: float = 0.0
+    wet: Share = 0.0
+    speed: Annotated[float, (0.1, 1.5)] = 0.7
+    facades: Annotated[int, (0, 60)] = 0
+    glare: Share = 0.0
     view_clock: str = ""
     robot: str = ""
 
@@ -140,7 +110,7 @@ class Scenario:
             if field.type == "str" and not isinstance(value, str):
                 raise ValueError(f"{field.name} is {repr(value)[:60]}, needs a text")
             if field.name in BOUNDS:
-                object.__setattr__(self, field.name, bounded(field.name, value, BOUNDS[field.name], whole=field.type == "int"))
+                object.__setattr__(self, field.name, bounded(field.name, value, BOUNDS[field.name], whole=isinstance(field.default, int)))
         if not self.world:
             raise ValueError("world is '', needs a name")
         if self.width % 2:
@@ -267,6 +237,13 @@ class Scenario:
         if missing:
             raise ValueError(f"scenario lacks the fields {missing}, needs all of {names}")
         return Scenario(**content)
+
+
+OPTIONAL = {field.name: field.default for field in dataclasses.fields(Scenario) if field.kw_only}
+"""Optional fields with the values that switch them off. The JSON of a scenario holds only those that are switched on."""
+_HINTS = get_type_hints(Scenario, include_extras=True)
+BOUNDS: dict[str, tuple[float, float]] = {name: hint.__metadata__[0] for name, hint in _HINTS.items() if get_origin(hint) is Annotated}
+"""Lowest and highest value of every numeric field, both included."""
 
 
 def bounded(name: str, value: Any, bound: tuple[float, float], whole: bool) -> float:
