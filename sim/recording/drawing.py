@@ -37,7 +37,7 @@ from sim.simulation.simulation import Simulation
 from tracker.geometry import Array, Image
 from tracker.geometry.cameras import Camera
 from tracker.io.image_files import encoded
-from tracker.sequence.writer import ImageForm, Layers, view_name
+from tracker.sequence.writer import ImageForm, view_name
 from tracker.types import Boxes, Keypoints
 from worlds.engine import mujoco
 
@@ -113,16 +113,12 @@ class MomentRenderer:
     def draw(self, moment: Moment) -> Drawn:
         """Coded images and people of a moment."""
         rendered, form, files = self.render(moment), self.scene.form, {}
-        layers = Layers(
-            instances={name: image.instances for name, image in rendered.images.items()},
-            range={name: image.range for name, image in rendered.images.items()},
-            classes={name: image.classes for name, image in rendered.images.items()},
-        )
-        for name, image in rendered.images.items():
+        for camera, image in rendered.images.items():
+            name = view_name(camera, moment.frame)
             if not self.scene.raw:
-                path, options = form.colour_file(view_name(name, moment.frame))
+                path, options = form.colour_file(name)
                 files[path] = encoded(path, image.colour[:, :, ::-1], options)
-            for path, pixels, options in form.layer_files(name, moment.frame, layers):
+            for path, pixels, options in form.layer_files(name, image.instances, image.range, image.classes):
                 files[path] = encoded(path, pixels, options)
         return Drawn(moment.frame, files, rendered.lenses if self.scene.raw else {}, rendered.people)
 

@@ -178,7 +178,7 @@ class _Frames:
         state, poses, rows = self._simulated.popleft()
         people = self._journal.drawn[state.index] if drawn is None else drawn.people
         frame = self._assembler.frame(state, _truth(self._recording.simulation, poses, people))
-        writer.add(frame.tick, frame.truth, None, frame.views)
+        writer.add(frame.tick, frame.truth, frame.views)
         writer.add_samples(state.index, frame.samples)
         writer.add_rows(rows)
         if drawn is None:

@@ -14,8 +14,9 @@ from sim.datasets.presets import PRESETS
 from sim.recording.record import SimulatedSequence, rendered_frames, versions
 from sim.recording.tracker_setup import make_setup
 from sim.simulation.simulation import Simulation
+from tests.tracker.sequences import add_images
 from tracker.geometry.ground import Grid
-from tracker.sequence.writer import ImageForm, Layers, SequenceWriter
+from tracker.sequence.writer import ImageForm, SequenceWriter
 
 FRAMES, SCALING = 30, 40
 
@@ -37,8 +38,11 @@ def writing(folder: Path) -> None:
             if written:
                 with SequenceWriter(folder / "s", setup, setup.occluders, recording.form) as writer:
                     for m in frames:
-                        layers = [{name: getattr(image, kind) for name, image in m.images.items()} for kind in ("instances", "range", "classes")]
-                        writer.add(m.tick, m.truth, Layers(*layers), m.views)
+                        instances, ranges, classes = (
+                            {name: getattr(image, kind) for name, image in m.images.items()} for kind in ("instances", "range", "classes")
+                        )
+                        add_images(writer, m.tick, instances, ranges, classes)
+                        writer.add(m.tick, m.truth, m.views)
                     writer.finish({}, versions())
                 shutil.rmtree(folder / "s")
             else:

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.templates import copied
+from tests.tracker.sequences import add_images
 from tracker.geometry import Array, Pose
 from tracker.geometry.cameras import Camera, Panorama, pinhole
 from tracker.geometry.ground import Grid
-from tracker.sequence.writer import ImageForm, Layers, SequenceWriter
+from tracker.sequence.writer import ImageForm, SequenceWriter
 from tracker.types import (
     HIDDEN,
     KEYPOINT_NAMES,
@@ -152,7 +153,9 @@ def _write(folder: Path, form: ImageForm | None, sensors: SensorSetup | None) ->
             truth = Truth(k, robots(k), np.array([1, 2]), joints(k)[:, 0] * [1, 1, 0], visible, joints(k))
             ranges = {n: np.where(i > 0, 3.0, np.inf).astype(np.float32) for n, i in instances.items()}
             classes = {n: (i > 0).astype(np.uint8) for n, i in instances.items()}
-            writer.add(Tick(k, k / 6, tuple(views)), truth, Layers(instances, ranges, classes), truths)
+            tick = Tick(k, k / 6, tuple(views))
+            add_images(writer, tick, instances, ranges, classes)
+            writer.add(tick, truth, truths)
             if sensors:
                 writer.add_samples(k, samples(k))
         writer.finish({"world": "painted", "seed": 0, "frames": FRAMES}, {"pilsim": "test"})

@@ -2,6 +2,7 @@
 
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -9,7 +10,7 @@ from tests.templates import copied
 from tracker.geometry import Pose
 from tracker.geometry.cameras import Panorama
 from tracker.geometry.ground import Grid
-from tracker.sequence.writer import Layers, SequenceWriter
+from tracker.sequence.writer import SequenceWriter, view_name
 from tracker.types import Boxes, Detections, Keypoints, Mount, Odometry, RobotDetections, Setup, Start, Tick, Truth, View, ViewTruth
 
 FRAMES = 3
@@ -77,6 +78,17 @@ def write_anew(folder: Path, seed: int = 0) -> list[Tick]:
     with SequenceWriter(folder, setup(), Grid(tops.heights + 0.5, tops.origin, tops.spacing)) as writer:
         for k, one in enumerate(ticks):
             instances = {name: np.full((32, 64), 4, np.uint16) for name in setup().mounts}
-            writer.add(one, truth(k), Layers(instances), {name: view_truth(k, name) for name in setup().mounts})
+            add_images(writer, one, instances)
+            writer.add(one, truth(k), {name: view_truth(k, name) for name in setup().mounts})
         writer.finish({"seed": seed}, {"pilsim": "test"})
     return ticks
+
+
+def add_images(writer: SequenceWriter, tick: Tick, instances: dict[str, Any], ranges: dict[str, Any] | None = None, classes: Any = None) -> None:
+    """Write the images of a tick's views. instances, ranges, classes: camera → image; a form without a layer needs none of it."""
+    for view in tick.views:
+        assert view.image is not None
+        writer.add_image(tick.index, view.camera, view.image)
+        layers = (instances[view.camera], *((images or {}).get(view.camera) for images in (ranges, classes)))
+        for name, pixels, how in writer.form.layer_files(view_name(view.camera, tick.index), *layers):
+            writer.images.put(name, pixels, how)

@@ -78,29 +78,18 @@ class ImageForm:
         """Path of a colour image, and the options of its encoding. name: CAMERA/FRAME, as for all files of a view."""
         return (f"images/{name}.png", PNG) if self.png else (f"images/{name}.jpg", JPEG)
 
-    def layer_files(self, camera: str, frame: int, layers: Layers) -> Iterator[tuple[str, NDArray[Any], list[int]]]:
-        """Path, pixels and options of encoding of the images of a view beside its colour image. Raises ValueError where a layer is missing."""
-        name = view_name(camera, frame)
-        yield f"instances/{name}.png", layers.instances[camera], PNG_RUN_LENGTH
-        for layer, wanted, images in (("range", self.range, layers.range), ("classes", self.classes, layers.classes)):
-            if wanted and images is None:
-                raise ValueError(f"frame {frame} has no {layer}, needs it")
-        if self.range and layers.range is not None:
-            yield f"range/{name}.png", range_counts(layers.range[camera]), RANGE
-        if self.classes and layers.classes is not None:
-            yield f"classes/{name}.png", layers.classes[camera], PNG_RUN_LENGTH
+    def layer_files(
+        self, name: str, instances: NDArray[np.uint16], ranges: NDArray[np.float32], classes: NDArray[np.uint8]
+    ) -> Iterator[tuple[str, NDArray[Any], list[int]]]:
+        """Path, pixels and options of encoding of the images of a view beside its colour image. name: CAMERA/FRAME.
 
-
-@dataclass(frozen=True, eq=False)
-class Layers:
-    """Images beside the RGB image, by camera: instances (H, W) person ids, 0 for no person.
-
-    range (H, W) m along the ray, inf where no surface is hit. classes (H, W). Both are needed only where the form has them.
-    """
-
-    instances: Mapping[str, NDArray[np.uint16]]
-    range: Mapping[str, NDArray[np.float32]] | None = None
-    classes: Mapping[str, NDArray[np.uint8]] | None = None
+        instances (H, W): person ids, 0 for no person. ranges (H, W): m along the ray, inf where no surface is hit. classes (H, W).
+        """
+        yield f"instances/{name}.png", instances, PNG_RUN_LENGTH
+        if self.range:
+            yield f"range/{name}.png", range_counts(ranges), RANGE
+        if self.classes:
+            yield f"classes/{name}.png", classes, PNG_RUN_LENGTH
 
 
 def view_name(camera: str, frame: int) -> str:
@@ -187,21 +176,14 @@ class SequenceWriter:
             return
         discard_folder(self.partial)
 
-    def add(self, tick: Tick, truth: Truth, layers: Layers | None, views: Mapping[str, ViewTruth]) -> None:
-        """Append one tick with its truth and layers. views: camera → ground truth of the view.
+    def add(self, tick: Tick, truth: Truth, views: Mapping[str, ViewTruth]) -> None:
+        """Append one tick with its truth. views: camera → ground truth of the view. The caller adds the images.
 
-        layers: None where the caller adds the images itself; the views need no images then.
-        Raises ValueError for a view without an image, an image that cannot be written, or a truth without joints.
+        Raises ValueError for a truth without joints.
         """
         k, rows = tick.index, self._rows
         self._says_who_sits = truth.sitting is not None
         for view in tick.views:
-            if layers is not None:
-                if view.image is None:
-                    raise ValueError(f"frame {k} of {view.camera} has no image, needs one")
-                self.add_image(k, view.camera, view.image)
-                for name, pixels, how in self.form.layer_files(view.camera, k, layers):
-                    self.images.put(name, pixels, how)
             self._add_measurements(k, view)
             true = views[view.camera]
             rows["cameras"].append(camera_row(k, view.camera, true))

@@ -15,7 +15,7 @@ from tracker.geometry.ground import Grid
 from tracker.io.tsai_xml import read_camera
 from tracker.sequence.reader import read_sequence
 from tracker.sequence.truth_tables import read_boxes, read_joints, read_views
-from tracker.sequence.writer import Layers, SequenceWriter
+from tracker.sequence.writer import SequenceWriter
 from tracker.types import Mount, Setup, Start
 
 
@@ -211,7 +211,8 @@ def test_who_sits_round_trip(tmp_path: Path) -> None:
         for k, one in enumerate(written):
             instances = {name: np.full((32, 64), 4, np.uint16) for name in sequences.setup().mounts}
             views = {name: sequences.view_truth(k, name) for name in sequences.setup().mounts}
-            writer.add(one, replace(sequences.truth(k), sitting=frozenset({9} if k else ())), Layers(instances), views)
+            sequences.add_images(writer, one, instances)
+            writer.add(one, replace(sequences.truth(k), sitting=frozenset({9} if k else ())), views)
         writer.finish({}, {})
     truth, plain = read_sequence(tmp_path / "s").truth, read_sequence(tmp_path / "plain").truth
     assert truth is not None
