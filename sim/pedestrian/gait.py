@@ -126,7 +126,8 @@ def walk(footing: Footing, bodies: Bodies, dt: float) -> Footing:
 
 def foot_positions(footing: Footing) -> tuple[Array, Array]:
     """Current positions (m, 2, 2) m in the plane and yaws (m, 2) rad of the feet."""
-    share = _smoothstep(footing.swing)
+    # The smoothstep function 3 s² − 2 s³.
+    share = footing.swing * footing.swing * (3 - 2 * footing.swing)
     moving = ~footing.standing
     place = np.where(moving[..., None], footing.lifted + share[..., None] * (footing.planted - footing.lifted), footing.planted)
     turn = wrap(footing.planted_yaw - footing.lifted_yaw)
@@ -175,11 +176,6 @@ def _neutral_places(position: Array, heading: Array, stature: Array) -> Array:
     """Positions (m, 2, 2) m of feet side by side under the bodies."""
     left = np.stack([-np.sin(heading), np.cos(heading)], axis=1) * (HALF_WIDTH * stature)[:, None]
     return position[:, None] + left[:, None] * np.array([1.0, -1.0])[:, None]
-
-
-def _smoothstep(share: Array) -> Array:
-    """The smoothstep function 3 s² − 2 s³."""
-    return share * share * (3 - 2 * share)
 
 
 def foot_lift(footing: Footing, stature: Array) -> Array:

@@ -220,9 +220,6 @@ def classes(model: mujoco.MjModel) -> NDArray[np.uint8]:
         elif body.startswith("robot_"):
             out[k] = CLASSES.index("robot")
         else:
-            out[k] = class_of(name if "/" not in name and name else kind_of(f"{body} {_material_name(model, int(k))} {name}") or "beam")
+            material = model.mat(int(model.geom_matid[k])).name if model.geom_matid[k] >= 0 else ""
+            out[k] = class_of(name if "/" not in name and name else kind_of(f"{body} {material} {name}") or "beam")
     return out
-
-
-def _material_name(model: mujoco.MjModel, geom: int) -> str:
-    return str(model.mat(int(model.geom_matid[geom])).name) if model.geom_matid[geom] >= 0 else ""

@@ -305,7 +305,8 @@ def _wheels(model: Any, data: Any, T_root: Pose, low: float, geoms: list[int]) -
             continue
         if body in _rollers(model, int(model.body_parentid[body])):
             continue
-        vertical = [j for j in _hinges(model, int(model.body_rootid[body])) if abs(data.xaxis[j][2]) > 0.9 and _carries(model, j, body)]
+        upright = [j for j in _hinges(model, int(model.body_rootid[body])) if abs(data.xaxis[j][2]) > 0.9]
+        vertical = [j for j in upright if model.jnt_bodyid[j] in (body, model.body_parentid[body])]
         if any(not model.jnt_limited[j] or not model.joint(j).name for j in vertical):
             continue
         centre = T_root.inverse().apply(data.xanchor[joint][None])[0]
@@ -353,11 +354,6 @@ def _steered(wheel: Wheel, model: Any, data: Any, joint: int) -> Wheel:
     """The wheel with the vertical joint that steers it."""
     most = min(abs(float(end)) for end in model.jnt_range[joint])
     return replace(wheel, steer=model.joint(joint).name, steer_sign=float(np.sign(data.xaxis[joint][2])), most_steer=min(most, MOST_STEER))
-
-
-def _carries(model: Any, joint: int, body: int) -> bool:
-    """Whether a joint moves the body that carries `body`, or `body` itself."""
-    return model.jnt_bodyid[joint] in (body, model.body_parentid[body])
 
 
 def _legs(model: Any, data: Any, root: int, ground: float) -> tuple[Leg, ...]:

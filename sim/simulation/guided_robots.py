@@ -52,7 +52,7 @@ class _Course:
 class GuidedRobots:
     """The robots of a simulation without driven wheels.
 
-    `remember`, `before` and, after the step, `after` are called with every physics step.
+    `before` and, after the step, `after` are called with every physics step.
 
     robots: index of the robot in the simulation → its description.
     """
@@ -106,7 +106,8 @@ class GuidedRobots:
         self._courses = {k: _Course(x, y, yaw, np.array(rest[:3]), *rest[3:5]) for k, (x, y, yaw, *rest) in state.items()}
 
     def before(self, data: mujoco.MjData, drives: list[DriveState], dt: float) -> None:
-        """Advance the courses by a physics step of `dt` s, and apply the forces of flight."""
+        """Advance the courses by a physics step of `dt` s, and apply the forces of flight. The poses are kept for the velocities of `after`."""
+        self._before = {k: data.qpos[q : q + 7].copy() for k, (q, _) in self._address.items()}
         for k, robot in self._robots.items():
             course, drive = self._courses[k], drives[k]
             if robot.motion == CONTROLLED:
@@ -139,10 +140,6 @@ class GuidedRobots:
             data.qvel[v + 3 : v + 6] = Pose(before.rotation.T @ pose.rotation, np.zeros(3)).log()[3:] / dt
             self._hold(k, data)
             self._swing(k, data)
-
-    def remember(self, data: mujoco.MjData) -> None:
-        """Keep the poses before a physics step, from which `after` computes velocities."""
-        self._before = {k: data.qpos[q : q + 7].copy() for k, (q, _) in self._address.items()}
 
     def _hold(self, k: int, data: mujoco.MjData) -> None:
         """Hold the joints of the robot at rest."""

@@ -420,7 +420,6 @@ class Simulation:
     def _physics_step(self) -> None:
         """Advance the physics and the guided robots by one step."""
         data, dt = self._physics_data, float(self._physics.opt.timestep)
-        self._guided.remember(data)
         self._guided.before(data, self._drives, dt)
         mujoco.mj_step(self._physics, data)
         self._guided.after(data, dt)

@@ -179,7 +179,7 @@ def run_trials(
         done = {key for key, row in rows.items() if row["error"] is None}
         done -= {trial.key for trial in wanted if trial.key in done and not _is_complete(folder, rows[trial.key], trial)}
         todo = [trial for trial in wanted if trial.key not in done]
-        _write_run(folder, command)
+        write_text(folder / RUN, json_text({"schema": SCHEMA, "command": command, "versions": versions()}, indent=1) + "\n")
         # Failed trials are tried again. Kept rows are rewritten, which removes a line that was cut off.
         _write_rows(folder, [row for key, row in rows.items() if key in done])
         # Each thread waits for a process of its own, which does the work. Rows come in the order in which trials end.
@@ -286,7 +286,3 @@ def _read_rows(folder: Path) -> list[dict[str, Any]]:
 
 def _write_rows(folder: Path, rows: list[dict[str, Any]]) -> None:
     write_text(folder / RESULTS, "".join(json_text(row) + "\n" for row in rows))
-
-
-def _write_run(folder: Path, command: str) -> None:
-    write_text(folder / RUN, json_text({"schema": SCHEMA, "command": command, "versions": versions()}, indent=1) + "\n")

@@ -105,11 +105,6 @@ def _scene(recording: Recording) -> Scene:
     return Scene(recording, case, colours, bounds, _busiest(recording))
 
 
-def _reach(scene: Scene, place: Array) -> float:
-    """m: from a place (2,) m to the farthest corner of the bounds; fields of view are drawn so far."""
-    return float(np.linalg.norm(np.maximum(np.abs(scene.bounds[0] - place), np.abs(scene.bounds[1] - place))))
-
-
 def _busiest(recording: Recording) -> int:
     """The frame with the most boxes, counting at most 12 per camera, among the frames with true people where there are some."""
     counts = dict.fromkeys(range(recording.frames), 0)
@@ -126,7 +121,9 @@ def _plan(axes: Any, scene: Scene) -> None:
     """Ground from above: footprints and feet of cameras in their colours, true paths, and the area."""
     case = scene.case
     for name, camera in scene.recording.fixed.items():
-        outline = footprint(camera, case, _reach(scene, camera.pose.translation[:2]))
+        # Fields of view are drawn as far as the farthest corner of the bounds.
+        reach = float(np.linalg.norm(np.abs(scene.bounds - camera.pose.translation[:2]).max(axis=0)))
+        outline = footprint(camera, case, reach)
         if len(outline):
             axes.add_patch(matplotlib.patches.Polygon(outline, facecolor=scene.colours[name], alpha=0.07, zorder=1))
             axes.add_patch(matplotlib.patches.Polygon(outline, fill=False, edgecolor=scene.colours[name], linewidth=0.9, alpha=0.8, zorder=2))

@@ -293,7 +293,7 @@ def show(folder: Path, results: Path | None = None, tracked: bool = False, save:
         raise ValueError(f"{given}: these tracks were made from another source than {source}")
     stream = module.RecordingStream("pilsim")
     scene = RerunScene(module, stream, sequence)
-    frames = _tracked_now(sequence) if tracked else _with_results(sequence, read)
+    frames = _tracked_now(sequence) if tracked else ((tick, None if read is None else read_frame(read, tick.index)) for tick in sequence.ticks)
     if save is None:
         stream.spawn(default_blueprint=scene.blueprint())
         _play(scene, frames)
@@ -345,12 +345,6 @@ def read_frame(results: Results, k: int) -> Estimate:
     poses = {robot: pose for robot, of_robot in results.poses.items() if (pose := of_robot[k]) is not None}
     spread = {robot: P for robot, of_robot in results.covariances.items() if (P := of_robot[k]) is not None}
     return replace(Estimate.of_robots(k, poses, spread, {}), target_id=ids, position=places, covariance=np.zeros((len(ids), 3, 3)))
-
-
-def _with_results(sequence: Sequence, read: Results | None) -> Iterator[SceneFrame]:
-    """Each tick with the estimate in the files of a run, where there are some."""
-    for tick in sequence.ticks:
-        yield tick, None if read is None else read_frame(read, tick.index)
 
 
 def _tracked_now(sequence: Sequence) -> Iterator[SceneFrame]:
