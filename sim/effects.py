@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any, get_type_hints
 
 import cv2
 import numpy as np
@@ -21,23 +21,6 @@ from numpy.typing import NDArray
 from tracker.geometry.cameras import Camera
 from tracker.io.text_files import named_values
 
-BOUNDS: dict[str, tuple[float, float, str]] = {
-    "readout": (1e-4, 1.0, "s"),
-    "shutter": (1e-4, 1.0, "s"),
-    "subframes": (3, 33, "images, an odd number"),
-    "drops": (1, 100, "drops, a whole number"),
-    "dust": (1, 500, "specks, a whole number"),
-    "chromatic": (-10.0, 10.0, "px"),
-    "defocus": (0.1, 20.0, "px"),
-    "vignette": (0.01, 6.0, "stops"),
-    "seam": (-4.0, 4.0, "stops"),
-    "gain": (0.0, 48.0, "dB"),
-    "halos": (0.01, 4.0, "of the detail"),
-    "jpeg": (1, 100, "of quality, a whole number"),
-    "mount_angle": (0.001, 30.0, "degrees"),
-    "mount_shift": (0.0001, 1.0, "m"),
-}
-"""Name → lowest and highest value, and unit, in the order in which the effects act; the last two are errors of the calibration."""
 WHOLE = ("subframes", "drops", "dust", "jpeg")
 DEFAULT_SUBFRAMES = 5
 Light = NDArray[np.float32]
@@ -73,20 +56,20 @@ class Effects:
     Raises ValueError for a value out of BOUNDS, and for subframes without shutter.
     """
 
-    readout: float | None = None
-    shutter: float | None = None
-    subframes: float | None = None
-    drops: float | None = None
-    dust: float | None = None
-    chromatic: float | None = None
-    defocus: float | None = None
-    vignette: float | None = None
-    seam: float | None = None
-    gain: float | None = None
-    halos: float | None = None
-    jpeg: float | None = None
-    mount_angle: float | None = None
-    mount_shift: float | None = None
+    readout: Annotated[float | None, (1e-4, 1.0, "s")] = None
+    shutter: Annotated[float | None, (1e-4, 1.0, "s")] = None
+    subframes: Annotated[float | None, (3, 33, "images, an odd number")] = None
+    drops: Annotated[float | None, (1, 100, "drops, a whole number")] = None
+    dust: Annotated[float | None, (1, 500, "specks, a whole number")] = None
+    chromatic: Annotated[float | None, (-10.0, 10.0, "px")] = None
+    defocus: Annotated[float | None, (0.1, 20.0, "px")] = None
+    vignette: Annotated[float | None, (0.01, 6.0, "stops")] = None
+    seam: Annotated[float | None, (-4.0, 4.0, "stops")] = None
+    gain: Annotated[float | None, (0.0, 48.0, "dB")] = None
+    halos: Annotated[float | None, (0.01, 4.0, "of the detail")] = None
+    jpeg: Annotated[float | None, (1, 100, "of quality, a whole number")] = None
+    mount_angle: Annotated[float | None, (0.001, 30.0, "degrees")] = None
+    mount_shift: Annotated[float | None, (0.0001, 1.0, "m")] = None
 
     def __post_init__(self) -> None:
         for name, value in self.given().items():
@@ -117,6 +100,10 @@ class Effects:
         if (self.readout or 0.0) + (self.shutter or 0.0) > period:
             named = " and ".join(f"{name} {value:g} s" for name, value in self.given().items() if name in ("readout", "shutter"))
             raise ValueError(f"effects have {named}, longer than a frame; need at most {period:.4g} s together")
+
+
+BOUNDS: dict[str, tuple[float, float, str]] = {name: hint.__metadata__[0] for name, hint in get_type_hints(Effects, include_extras=True).items()}
+"""Name → lowest and highest value, and unit, in the order in which the effects act; the last two are errors of the calibration."""
 
 
 def parse_effects(text: str) -> Effects:
