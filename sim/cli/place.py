@@ -120,7 +120,8 @@ class Place:
         """Play the episodes, print the tables, draw the picture, and write the page."""
         from sim.policies.rollouts import draw
 
-        outcomes = {world: self._outcomes(world) for world in self.worlds or (self._world(),)}
+        worlds = self.worlds or (self.episode.density or str(self.scene.world),)
+        outcomes = {world: self._outcomes(world) for world in worlds}
         if self.json:
             found = {world: _values(of) for world, of in outcomes.items()}
             print(json_text({"worlds": found} if self.worlds else next(iter(found.values())), indent=1))
@@ -147,10 +148,6 @@ class Place:
         seeds = f"{self.episodes} seed{'s' * (self.episodes != 1)} from {self.seed}"
         print(text(table(outcomes), differences(outcomes)), sep="\n\n")
         print(f"\nmeans over {seeds} with 95 % intervals; {world}, {self.steps} decisions each")
-
-    def _world(self) -> str:
-        """The world of the options, as it is named in the tables."""
-        return self.episode.density or str(self.scene.world)
 
     def _outcomes(self, world: str) -> list[EpisodeResult]:
         """The outcomes of all episodes in a world, ordered by policy and seed."""
