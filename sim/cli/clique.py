@@ -37,8 +37,8 @@ class Clique:
     """Print JSON alone: weight, moves, seconds, clique."""
 
     def run(self) -> None:
-        from tracker.clique.branch_and_bound import exact
         from tracker.clique.dimacs import read_graph
+        from tracker.clique.exact_clique import exact
         from tracker.clique.local_search import Limits, search
 
         graph = read_graph(self.file)

@@ -42,13 +42,17 @@ class TrainDetector:
     """Scenes have people in groups, people who sit, varied clothing and wet ground, too, and there are rooms with tables."""
     start: Annotated[Path | None, unset("MODEL.onnx", "random weights")] = None
     """Model of an earlier training that gives the initial weights; the learning rate is lower then."""
+    earlier: Annotated[tuple[Path, ...], unset("DIR [DIR ...]", "none")] = ()
+    """Folders of earlier trainings; their rendered scenes are added to the new ones."""
     json: bool = False
     """Print JSON alone."""
 
     def run(self) -> None:
         from sim.training.training import MODEL, TrainingPlan, train_detector
 
-        plan = TrainingPlan(self.seed, self.scenes, self.moments, self.steps, self.calibration, self.held_out, self.workers, self.rich, self.start)
+        plan = TrainingPlan(
+            self.seed, self.scenes, self.moments, self.steps, self.calibration, self.held_out, self.workers, self.rich, self.start, self.earlier
+        )
         result = train_detector(plan, self.out)
         if self.json:
             print(json_text(result, indent=1))

@@ -24,8 +24,8 @@ from scipy.optimize import linear_sum_assignment
 from scipy.special import ellipe
 
 from sim.stress.trial_data import TrialData
-from tracker.clique.branch_and_bound import exact
 from tracker.clique.dimacs import read_graph
+from tracker.clique.exact_clique import exact
 from tracker.ekf.measurement_models import CameraPose, jacobians, robot_jacobians
 from tracker.geometry import Array, Ints, Mask, Pose, skew, tangent_basis
 from tracker.metrics.trajectory import align

@@ -19,6 +19,7 @@ from sim.training.photometric import camera_look, recoloured
 from sim.training.scene_rendering import ImageSet
 from sim.training.targets import LEAST_HEIGHT, LEAST_VISIBLE, Targets, targets_of
 from tracker.geometry import Array, Mask
+from tracker.person_detector.network import MULTIPLE
 
 SIZES = ((256, 16, (12.0, 210.0)), (256, 16, (12.0, 210.0)), (384, 7, (50.0, 370.0)))
 """Kinds of batches, used in turn: edge of the crops, px; their number; and bounds of the height of the chosen body, px, log-uniform."""
@@ -26,8 +27,6 @@ PANORAMA_SHARE, CHOSEN_SHARE = 0.42, 0.87
 """Share of crops from panoramas, and of crops around a chosen body. Other crops are anywhere."""
 SCALES = (0.2, 2.4)
 """Bounds of the scale, px of the crop per px of its image. It may exceed 1, since the detector searches small bodies at twice the size."""
-LARGEST_WINDOW = 1.15
-"""Largest edge of the part of an image that becomes a crop, in heights of the image."""
 ASPECT = 0.07
 """Sigma of the logarithm of the ratio of both scales."""
 PASTED_VISIBLE, PASTED_HEIGHT = 0.98, 36.0
@@ -38,13 +37,15 @@ FILLED = 0.4
 """Share of its box that a body fills."""
 HIDDEN_SHARE, SCREEN_SHARE = 0.35, 0.1
 """Shares of crops in which something hides a part of a body, and of those with a screen or a picture that shows another image."""
+ENDED_SHARE = 0.25
+"""Share of crops in which the image ends before the crop does. The detector continues images by their last pixels to multiples of 32 px."""
 
 
 @dataclass(eq=False)
 class _CrowdCrop:
     """A crop under construction: picture (S, S, 3), instances (S, S), and its bodies.
 
-    boxes (n, 4) px, person (n,) their instances, visible (n,), cut (n,) at the edge of the image.
+    boxes (n, 4) px, person (n,) their instances, visible (n,).
     """
 
     picture: Picture
@@ -52,7 +53,6 @@ class _CrowdCrop:
     boxes: Array
     person: NDArray[np.int64]
     visible: Array
-    cut: Mask
 
     @property
     def height(self) -> float:
@@ -116,11 +116,13 @@ class CropSampler:
         if rng.random() < HIDDEN_SHARE:
             self._hide(crop, rng)
         picture = camera_look(crop.picture, rng)
+        if rng.random() < ENDED_SHARE:
+            picture = self._end(crop, picture, rng)
         boxes, seen, visible = crop.boxes, visible_parts(crop.instances, crop.person, crop.boxes), crop.visible_here()
         if rng.random() < 0.5:
             picture = np.ascontiguousarray(picture[:, ::-1])
             boxes, seen = (np.stack([size - box[:, 2], box[:, 1], size - box[:, 0], box[:, 3]], axis=1) for box in (boxes, seen))
-        return picture, targets_of(boxes, visible, crop.cut, size, seen)
+        return picture, targets_of(boxes, visible, size, seen)
 
     def _image(self, rng: np.random.Generator) -> tuple[ImageSet, int, bool]:
         """A random image: its set, its index, and whether it is a panorama."""
@@ -134,51 +136,34 @@ class CropSampler:
         height, width = images.instances.shape[1:]
         mine = images.image == index
         boxes, person, visible = images.boxes[mine], images.person[mine], images.visible[mine]
-        cut = cut_off(boxes, width, height, wraps)
         good = np.flatnonzero((visible >= LEAST_VISIBLE) & (boxes[:, 3] - boxes[:, 1] >= LEAST_HEIGHT))
-        least = size / (LARGEST_WINDOW * height)
+        least = size / height
         scale, middle = max(float(np.exp(rng.uniform(*np.log([0.35, 1.3])))), least), np.array([rng.uniform(0, width), rng.uniform(0, height)])
         if len(good) and rng.random() < CHOSEN_SHARE:
             box = boxes[good[int(rng.integers(len(good)))]]
             scale = max(float(np.exp(rng.uniform(*np.log(heights)))) / (box[3] - box[1]), least)
             middle = (box[:2] + box[2:]) / 2 + rng.uniform(-0.4, 0.4, 2) * size / np.clip(scale, *SCALES)
         scales = np.clip(scale, *SCALES) * np.exp(rng.normal(0.0, ASPECT / 2) * np.array([1.0, -1.0]))
-        return self._cut_out(images, index, (wraps, boxes, person, visible, cut), (scales, middle, size), rng)
+        return self._cut_out(images, index, (wraps, boxes, person, visible), (scales, middle, size))
 
     def _cut_out(
         self,
         images: ImageSet,
         index: int,
-        bodies: tuple[bool, Array, NDArray[np.int64], Array, Mask],
+        bodies: tuple[bool, Array, NDArray[np.int64], Array],
         window: tuple[Array, Array, int],
-        rng: np.random.Generator,
     ) -> _CrowdCrop:
-        """The window of an image around `middle` px, scaled to a crop. What is outside of the image shows a texture."""
-        wraps, boxes, person, visible, cut = bodies
+        """The window of an image around `middle` px, scaled to a crop. It lies within the image, but for the seam of a panorama."""
+        wraps, boxes, person, visible = bodies
         scales, middle, size = window
         limits = np.array(images.instances.shape[:0:-1])
-        side = np.maximum(np.rint(size / scales), 8).astype(int)
+        side = np.minimum(np.maximum(np.rint(size / scales), 8), limits).astype(int)
         corner = np.rint(middle - side / 2).astype(int)
-        fits = side <= limits
-        corner = np.where(fits, np.clip(corner, 0, np.maximum(limits - side, 0)), (limits - side) // 2)
-        if wraps:
-            corner[0] = round(middle[0] - side[0] / 2)
-        low, high = np.maximum(corner, 0), np.minimum(corner + side, limits)
-        rows = slice(int(low[1]), int(high[1]))
-        if wraps:
-            columns = np.arange(corner[0], corner[0] + side[0]) % limits[0]
-            colour, instances = images.colour[index][rows].take(columns, axis=1), images.instances[index][rows].take(columns, axis=1)
-            low[0], high[0] = corner[0], corner[0] + side[0]
-        else:
-            colour, instances = (layer[index][rows, int(low[0]) : int(high[0])] for layer in (images.colour, images.instances))
-        ends = np.rint((np.stack([low, high]) - corner) * size / side).astype(int)
-        shape = tuple(np.maximum(ends[1] - ends[0], 1).tolist())
-        picture = self._texture(rng, size) if shape != (size, size) else np.empty((size, size, 3), np.uint8)
-        shown = np.zeros((size, size), np.uint8)
-        part = (slice(ends[0, 1], ends[0, 1] + shape[1]), slice(ends[0, 0], ends[0, 0] + shape[0]))
-        smaller = scales.mean() < 1
-        picture[part] = cv2.resize(colour, shape, interpolation=cv2.INTER_AREA if smaller else cv2.INTER_LINEAR)
-        shown[part] = cv2.resize(instances, shape, interpolation=cv2.INTER_NEAREST)
+        corner = np.array([corner[0] if wraps else np.clip(corner[0], 0, limits[0] - side[0]), np.clip(corner[1], 0, limits[1] - side[1])])
+        rows, columns = slice(corner[1], corner[1] + side[1]), np.arange(corner[0], corner[0] + side[0]) % limits[0]
+        colour, instances = (layer[index][rows].take(columns, axis=1) for layer in (images.colour, images.instances))
+        picture = cv2.resize(colour, (size, size), interpolation=cv2.INTER_AREA if scales.mean() < 1 else cv2.INTER_LINEAR)
+        shown = cv2.resize(instances, (size, size), interpolation=cv2.INTER_NEAREST)
         moved = boxes - np.tile(corner, 2)
         if wraps:
             # Each body is shifted by full turns of the panorama to the place nearest to the middle of the window.
@@ -186,7 +171,7 @@ class CropSampler:
             moved = moved - turn[:, None] * np.array([1, 0, 1, 0])
         moved = moved * np.tile(size / side, 2)
         near = ((moved[:, 2:] > 0) & (moved[:, :2] < size)).all(axis=1)
-        return _CrowdCrop(picture, shown, moved[near], person[near], visible[near].copy(), cut[near])
+        return _CrowdCrop(np.asarray(picture, np.uint8), np.asarray(shown, np.uint8), moved[near], person[near], visible[near].copy())
 
     def _texture(self, rng: np.random.Generator, size: int) -> Picture:
         """A random part of a random texture, of `size` px."""
@@ -226,7 +211,6 @@ class CropSampler:
             crop.paste(picture, mask, (int(at[0]), int(at[1])), FIRST_PASTED + k, behind=False)
             crop.boxes = np.vstack([crop.boxes, np.concatenate([at, at + shape])])
             crop.person, crop.visible = np.append(crop.person, FIRST_PASTED + k), np.append(crop.visible, 1.0)
-            crop.cut = np.append(crop.cut, False)
 
     def _body(self, rng: np.random.Generator) -> tuple[Picture, NDArray[np.uint8], Array] | None:
         """A body that nothing hides: its picture, its mask and its box; None where the random image has none."""
@@ -286,6 +270,17 @@ class CropSampler:
         framed = cv2.copyMakeBorder(screen, edge, edge, edge, edge, cv2.BORDER_CONSTANT, value=rng.uniform(0, 90, 3).tolist())
         at = rng.integers(-wide // 4, size - wide // 2, 2).tolist()
         crop.paste(np.asarray(framed, np.uint8), np.full(framed.shape[:2], 255, np.uint8), (at[0], at[1]), 0, behind=True)
+
+    def _end(self, crop: _CrowdCrop, picture: Picture, rng: np.random.Generator) -> Picture:
+        """The picture with its last rows and columns repeated to the end of the crop. Bodies end with the image."""
+        size = len(picture)
+        columns, rows = (size - rng.integers(0, MULTIPLE, 2)).tolist()
+        before = np.prod(np.maximum(crop.boxes[:, 2:] - crop.boxes[:, :2], 1e-9), axis=1)
+        crop.boxes = np.minimum(crop.boxes, [columns, rows, columns, rows])
+        crop.visible = crop.visible * np.prod(crop.boxes[:, 2:] - crop.boxes[:, :2], axis=1) / before
+        crop.instances[rows:], crop.instances[:, columns:] = 0, 0
+        ended = cv2.copyMakeBorder(picture[:rows, :columns], 0, size - rows, 0, size - columns, cv2.BORDER_REPLICATE)
+        return np.asarray(ended, np.uint8)
 
 
 @cache

@@ -36,7 +36,7 @@ def detection_loss(outputs: tuple[Tensor, ...], targets: dict[str, Tensor]) -> d
     """Parts of the loss, to be summed: scores, overlap, logarithm, spread and hidden. targets: stacked, under the names of Targets."""
     scores, edges, spread, hidden = (output.float() for output in outputs)
     heat, counted, weight = targets["heat"], targets["counted"], targets["weight"]
-    centre = (heat == 1).float() * weight
+    centre = targets["worth"]
     count = centre.sum().clamp(min=4.0)
     probability = torch.sigmoid(scores)
     found = functional.logsigmoid(scores) * (1 - probability) ** FOCUS * centre

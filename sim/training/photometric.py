@@ -25,7 +25,7 @@ def camera_look(picture: NDArray[np.uint8], rng: np.random.Generator) -> NDArray
 
 
 def _colours(light: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:
-    gain = np.float32(2.0 ** rng.normal(0.0, 0.35)) * np.exp(rng.normal(0.0, 0.07, 3)).astype(np.float32)
+    gain = np.float32(2.0 ** rng.normal(0.0, 0.5)) * np.exp(rng.normal(0.0, 0.07, 3)).astype(np.float32)
     light = np.asarray(light * gain, np.float32)
     if rng.random() < 0.6:
         saturation = np.float32(rng.uniform(0.25, 1.35))

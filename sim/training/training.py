@@ -33,10 +33,10 @@ SEEDS_A_RUN, CALIBRATION_SEEDS = 10_000, 5_000
 """Distance of the first seeds of two runs, and of the first scenes of calibration from those of training."""
 JUDGED = {"moments": 4, "panoramas": 1, "pinholes": 2}
 """Sizes of the scenes of calibration and evaluation."""
-ORDER, MODEL, FIGURES, CURVES, FRAMES = "order.json", "person_detector.onnx", "figures.json", "curves.png", "frames.png"
+ORDER, DATA, MODEL, FIGURES, CURVES, FRAMES = "order.json", "data", "person_detector.onnx", "figures.json", "curves.png", "frames.png"
 SHOWN_FRAMES = 10
-HELD_OUT_ROOMS = 2
-"""Number of held-out meeting rooms for each seed of held-out worlds."""
+HELD_OUT_ROOMS, JUDGED_ROOMS = 30, JUDGED | {"moments": 2}
+"""Number of held-out meeting rooms and their sizes. A room holds few people, so that figures of few rooms vary."""
 UNCALIBRATED = {"version": 1, "calibration": [[-10.0, 0.0], [10.0, 1.0]], "min_score": 0.0, "nms_iou": 1.0}
 """Metadata of the model during its calibration."""
 RANGE_BATCHES = 12
@@ -52,7 +52,7 @@ class TrainingPlan:
     calibration, held_out: number of scenes for the calibration and for the evaluation. workers: number of processes; it changes no result.
     rich: whether scenes, except the held-out worlds, have people in groups, sitters, varied clothing and wet ground.
     It also adds meeting rooms, to the held-out scenes, too. start: a model with the initial weights, None for random weights.
-    Raises ValueError for a number out of bounds.
+    earlier: folders of trainings whose rendered scenes are used, too. Raises ValueError for a number out of bounds.
     """
 
     seed: int = 0
@@ -64,6 +64,7 @@ class TrainingPlan:
     workers: int = 2
     rich: bool = True
     start: Path | None = None
+    earlier: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
         bounds = {"seed": (0, 10**6), "scenes": (1, 5000), "moments": (1, 1000), "steps": (1, 10**7)}
@@ -73,26 +74,27 @@ class TrainingPlan:
                 raise ValueError(f"{name} is {value}, needs {low} to {high}")
 
     @property
-    def order(self) -> dict[str, int | str]:
+    def order(self) -> dict[str, Any]:
         """The options that decide the result, as JSON values. Newer options appear only where they are on, so that older orders stay valid.
 
-        Raises OSError where the model to start from cannot be read.
+        Raises OSError where the model to start from or an earlier training cannot be read.
         """
-        numbers = {name: value for name, value in dataclasses.asdict(self).items() if name not in ("workers", "rich", "start")}
+        numbers = {name: value for name, value in dataclasses.asdict(self).items() if name not in ("workers", "rich", "start", "earlier")}
         start = {} if self.start is None else {"start": hashlib.sha256(self.start.read_bytes()).hexdigest()}
-        return numbers | ({"rich": True, "rooms": ROOMS} if self.rich else {}) | start
+        earlier = {"earlier": [read_json(folder / ORDER) for folder in self.earlier]} if self.earlier else {}
+        return numbers | ({"rich": True, "rooms": ROOMS} if self.rich else {}) | start | earlier
 
     def tasks(self, folder: Path) -> dict[str, list[SceneTask]]:
         """The scenes to be rendered, by their purpose: data, calibration, held-out and, of meeting rooms, rooms."""
         first, names = SEEDS_A_RUN * (self.seed + 1), PLACES
         places = [(HELD_OUT_SEED + k // len(names), names[k % len(names)]) for k in range(self.held_out)]
-        unseen, number = folder / "held-out", HELD_OUT_ROOMS * -(-self.held_out // len(names)) if self.rich else 0
-        rooms = [(HELD_OUT_SEED + k, meeting_room.NAME) for k in range(number)]
+        unseen = folder / "held-out"
+        rooms = [(HELD_OUT_SEED + k, meeting_room.NAME) for k in range(HELD_OUT_ROOMS if self.rich else 0)]
         return {
-            "data": scene_tasks(folder / "data", self.scenes, first, {"moments": self.moments}, self.rich),
+            "data": scene_tasks(folder / DATA, self.scenes, first, {"moments": self.moments}, self.rich),
             "calibration": scene_tasks(folder / "calibration", self.calibration, first + CALIBRATION_SEEDS, JUDGED, self.rich),
             "held-out": [SceneTask(unseen / f"{world}-{seed}", seed, world, **JUDGED, plain=True, rich=False) for seed, world in places],
-            "rooms": [SceneTask(unseen / f"{world}-{seed}", seed, world, **JUDGED, plain=False, rich=True) for seed, world in rooms],
+            "rooms": [SceneTask(unseen / f"{world}-{seed}", seed, world, **JUDGED_ROOMS, plain=False, rich=True) for seed, world in rooms],
         }
 
 
@@ -118,7 +120,8 @@ def train_detector(plan: TrainingPlan, folder: Path) -> dict[str, Any]:
         write_text(folder / ORDER, json.dumps(plan.order, indent=1) + "\n")
         tasks = plan.tasks(folder)
         _render([task for some in tasks.values() for task in some], plan.workers)
-        sampler = CropSampler(_sets(tasks["data"], PANORAMAS), _sets(tasks["data"], PINHOLES), plan.seed)
+        scenes = [scene for source in (*plan.earlier, folder) for scene in sorted((source / DATA).iterdir()) if (scene / f"{PINHOLES}.npz").exists()]
+        sampler = CropSampler(_sets(scenes, PANORAMAS), _sets(scenes, PINHOLES), plan.seed)
         if not sampler.panoramas and not sampler.pinholes:
             raise ValueError(f"scenes is {plan.scenes}: no camera saw a person, needs more scenes")
         return _trained(plan, folder, tasks, sampler)
@@ -140,9 +143,9 @@ def _render(tasks: list[SceneTask], workers: int) -> None:
         pass
 
 
-def _sets(tasks: list[SceneTask], kind: str) -> list[ImageSet]:
-    """The images of a kind of all scenes that have some."""
-    return [images for task in tasks if len((images := ImageSet.read(task.folder, kind)).colour)]
+def _sets(scenes: list[Path], kind: str) -> list[ImageSet]:
+    """The images of a kind of all scenes, by their folders, that have some."""
+    return [images for scene in scenes if len((images := ImageSet.read(scene, kind)).colour)]
 
 
 def _trained(plan: TrainingPlan, folder: Path, tasks: dict[str, list[SceneTask]], sampler: CropSampler) -> dict[str, Any]:
@@ -191,7 +194,7 @@ def _figures(kinds: dict[str, list[FoundImage]], calibration: Calibration) -> di
     return out
 
 
-def _entry(plan: TrainingPlan, calibration: Calibration, data: dict[str, int | str], result: dict[str, Any]) -> dict[str, Any]:
+def _entry(plan: TrainingPlan, calibration: Calibration, data: dict[str, Any], result: dict[str, Any]) -> dict[str, Any]:
     """The metadata of the model."""
     headline = {title: part.get("ap50") for title, part in result.items() if title.endswith((PANORAMAS, PINHOLES))}
     corners = [list(corner) for corner in calibration.corners]

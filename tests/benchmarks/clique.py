@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from tests.conftest import DATA
-from tracker.clique.branch_and_bound import exact
 from tracker.clique.dimacs import read_graph
+from tracker.clique.exact_clique import exact
 from tracker.clique.local_search import Graph, Limits, search
 
 LIMIT = float(os.environ.get("PILSIM_CLIQUE_SECONDS", "10"))

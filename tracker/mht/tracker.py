@@ -35,9 +35,9 @@ from tracker.mht.branching import branch
 from tracker.mht.branching_data import BoxTable, BranchingConstants, ChildHypotheses, Observation, ParentHypotheses
 from tracker.mht.conflicts import conflicts_of, of_one_body
 from tracker.mht.global_hypothesis import CliqueSolver, GlobalHypothesis, HypothesisSearch
-from tracker.mht.initiation import with_statures, with_walkable_prior
 from tracker.mht.joint_assignment import assign_jointly, assigned_boxes, union
 from tracker.mht.pruning import PATIENCE, Lifetimes, prune_branches, surviving_leaves
+from tracker.mht.root_measurement import with_statures, with_walkable_prior
 from tracker.mht.tick_memory import Step, TickMemory
 from tracker.mht.track_trees import MhtFixedLagSmoother, TrackHypotheses, coasted, initiated, predict, survived
 from tracker.tracks.measurement_noise import MeasurementNoise

@@ -15,9 +15,9 @@ from tracker.person_detector.found_boxes import FoundBoxes
 
 SHARED = 0.85
 """Bodies above this share of the largest magnified height are also taken from the picture itself. Suppression keeps one box of each."""
-TILE, MARGIN, SLACK = 32, 16, 6
+TILE, MARGIN, SLACK = 32, 48, 6
 """px: side of a tile, margin that is magnified around a part, and largest distance of a body outside it that belongs to it."""
-LARGEST_SHARE = 0.4
+LARGEST_SHARE = 1.0
 """Largest area of all parts with their margins, as a share of the picture; it determines the time."""
 
 

@@ -24,7 +24,7 @@ TALLEST, SMALLEST = (288.0, 192.0), (96.0, 80.0)
 
 The second value of each is for panoramas with more than two levels, and makes their bands narrower.
 """
-MAGNIFIED, REASON = (60.0, 36.0), (-2.0, -1.5)
+MAGNIFIED, REASON = (90.0, 60.0), (-2.0, -1.5)
 """Height, px of the finest level, below which bodies are searched at twice the size; least logit of a peak that triggers it. Pairs as above."""
 POLES = 8
 """The upper and lower 1/POLES of a panorama are searched at the coarsest level only, because bodies there are large and distorted."""

@@ -31,6 +31,8 @@ def corrected_pose(setup: Setup, pose: tuple[Pose, Array], view: View, people: P
     pose: T_world_robot, and the covariance (6, 6) of its right tangent. In the new covariance, attitude and place are independent.
     """
     (T_world_robot, P), detections = pose, view.detections
+    if not P[3:, 3:].any():
+        return pose
     T_world_camera, R = T_world_robot @ setup.mounts[view.camera].T_body_camera, T_world_robot.rotation
     prior = R @ P[3:, 3:] @ R.T
     seen = np.arange(len(detections)) if detections.feet_seen is None else np.flatnonzero(detections.feet_seen)
@@ -41,7 +43,7 @@ def corrected_pose(setup: Setup, pose: tuple[Pose, Array], view: View, people: P
     apart = wrap(found[None] - expected[:, None])
     spread = variance[:, None] + noise[None] + np.array([prior[2, 2], (prior[0, 0] + prior[1, 1]) / 2])
     i, d = _pairs((apart**2 / spread).sum(axis=2))
-    if not len(i) or not prior.any():
+    if not len(i):
         return pose
     azimuth, zero = expected[i, 0], np.zeros(len(i))
     # Directions change by turn × direction; elevations of feet are small.

@@ -151,7 +151,7 @@ class SensorModel:
     def initiation_score(
         self, views: list[GroundDetections], cameras: list[Viewpoint], ratios: list[Array], groups: list[CrossViewGroup], others: Tracks, rate: float
     ) -> Array:
-        """log-likelihood ratio (g,) of a new person over false boxes, for each group of boxes.
+        """log-likelihood ratio (g,) of the birth of a track, a new person over false boxes, for each group of boxes.
 
         cameras: viewpoint of each view. ratios: `log_ratio` of each view. others: the tracks, which may occlude the new people.
         rate: of new people, as `arrival_rate`.

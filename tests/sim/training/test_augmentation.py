@@ -62,7 +62,7 @@ def test_bodies_who_fill_a_panorama_are_within_their_crop():
 
 def test_targets_give_the_box_back():
     box = np.array([[40.0, 30.0, 72.0, 130.0]])
-    made = targets_of(box, np.ones(1), np.zeros(1, bool), 256)
+    made = targets_of(box, np.ones(1), 256)
     (row,), (column,) = np.nonzero(made.heat[0] == 1)
     centre = (np.array([column, row]) + 0.5) * STRIDE
     edges = made.edges[:, row, column]
@@ -72,32 +72,68 @@ def test_targets_give_the_box_back():
 
 def test_targets_have_the_shares_beyond_the_visible_part():
     box, seen = np.array([[40.0, 30.0, 72.0, 130.0]]), np.array([[44.0, 30.0, 72.0, 80.0]])
-    made = targets_of(box, np.ones(1), np.zeros(1, bool), 256, seen)
+    made = targets_of(box, np.ones(1), 256, seen)
     trained = made.weight[0] > 0
     np.testing.assert_allclose(made.hidden[:, trained], np.tile([[4 / 32], [0], [0], [0.5]], trained.sum()), atol=1e-6)
-    assert not targets_of(box, np.ones(1), np.zeros(1, bool), 256).hidden.any()
+    assert not targets_of(box, np.ones(1), 256).hidden.any()
 
 
 def test_hidden_bodies_are_ignored_and_invisible_ones_are_background():
     boxes = np.array([[40.0, 30.0, 72.0, 130.0]])
-    whole, half, hidden, invisible = (targets_of(boxes, np.array([share]), np.zeros(1, bool), 256) for share in (1.0, 0.2, 0.05, 0.0))
-    assert whole.weight.max() == 1
-    assert 0.3 < half.weight.max() < 0.6
+    whole, half, hidden, invisible = (targets_of(boxes, np.array([share]), 256) for share in (1.0, 0.2, 0.05, 0.0))
+    assert whole.worth.max() == 1
+    assert 0.7 < half.worth.max() < 0.8
+    assert half.weight.sum() == pytest.approx(half.worth.max() * whole.weight.sum(), rel=1e-5)
     assert not hidden.heat.any()
     assert (hidden.counted == 0).any()
     assert not invisible.heat.any()
     assert invisible.counted.all()
 
 
-def test_bodies_whose_middle_is_outside_have_the_box_of_their_part_inside():
-    boxes = np.array([[100.0, 200.0, 140.0, 330.0], [-30.0, 40.0, 4.0, 140.0]])
-    made = targets_of(boxes, np.ones(2), np.zeros(2, bool), 256)
-    ((row, column),) = np.argwhere(made.heat[0] == 1)
-    centre = (np.array([column, row]) + 0.5) * STRIDE
-    edges = made.edges[:, row, column]
-    np.testing.assert_allclose(np.concatenate([centre - edges[:2], centre + edges[2:]]), [100, 200, 140, 256], atol=1e-4)
-    # Of the other one too little is inside.
+def test_boxes_end_at_the_border_of_the_crop():
+    boxes = np.array([[100.0, 180.0, 140.0, 330.0], [30.0, 200.0, 70.0, 330.0], [-30.0, 40.0, 4.0, 140.0]])
+    made = targets_of(boxes, np.ones(3), 256)
+    found = {}
+    for row, column in np.argwhere(made.heat[0] == 1):
+        centre, edges = (np.array([column, row]) + 0.5) * STRIDE, made.edges[:, row, column]
+        found[round(float(centre[0] - edges[0]))] = np.concatenate([centre - edges[:2], centre + edges[2:]])
+    assert found.keys() == {30, 100}
+    np.testing.assert_allclose(found[100], [100, 180, 140, 256], atol=1e-4)
+    np.testing.assert_allclose(found[30], [30, 200, 70, 256], atol=1e-4)
+    # Of the last one too little is inside.
     assert (made.counted[0, 11:35, 0] == 0).all()
+
+
+def test_a_large_body_weighs_little_more_than_a_small_one():
+    small, large = (targets_of(np.array([box]), np.ones(1), 256).weight.sum() for box in ([40.0, 30.0, 48.0, 55.0], [40.0, 30.0, 120.0, 240.0]))
+    assert small < large < 5 * small
+
+
+def test_crops_lie_within_their_image():
+    image = _images(320, 240, [(140, 20, 220, 230)])
+    image.colour[:] = np.maximum(image.colour, 1)
+    sampler, rng = CropSampler([], [image], 0), np.random.default_rng(1)
+    for _ in range(40):
+        crop = sampler._crop(rng, 256, (20.0, 200.0))
+        assert crop.picture.shape == (256, 256, 3)
+        assert crop.picture.min() > 0
+
+
+def test_an_image_that_ends_before_its_crop_is_continued_and_bodies_end_with_it():
+    images, rng = _images(320, 240, [(140, 80, 180, 180)]), np.random.default_rng(3)
+    images.colour[:] = rng.integers(0, 256, images.colour.shape)
+    sampler, shares = CropSampler([], [images], 0), []
+    for _ in range(40):
+        crop = sampler._crop(rng, 256, (100.0, 240.0))
+        before = crop.boxes.copy()
+        picture = sampler._end(crop, crop.picture, rng)
+        rows, columns = (256 - int((one[:-1] == one[1:]).all(axis=(1, 2))[::-1].argmin()) for one in (picture, picture.swapaxes(0, 1)))
+        assert min(rows, columns) > 256 - 32
+        np.testing.assert_array_equal(crop.boxes, np.minimum(before, [columns, rows, columns, rows]))
+        assert not crop.instances[rows:].any()
+        assert not crop.instances[:, columns:].any()
+        shares.append(crop.visible.min(initial=1.0))
+    assert 0.0 <= min(shares) < 0.95
 
 
 def test_what_hides_a_part_lowers_the_visible_share_and_screens_are_behind():

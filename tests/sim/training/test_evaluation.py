@@ -17,7 +17,7 @@ from tracker.person_detector.pixels import Level
 def test_peaks_invert_the_targets():
     """A network that says the targets gives the boxes back."""
     boxes = np.array([[50.0, 40.0, 74.0, 100.0], [120.5, 30.0, 160.0, 131.0]])
-    made = targets_of(boxes, np.ones(2), np.zeros(2, bool), 256)
+    made = targets_of(boxes, np.ones(2), 256)
     scores = np.where(made.heat == 1, 3.0, -9.0).astype(np.float32)
     edges = np.log(np.maximum(made.edges, 1e-3)).astype(np.float32)
     found = peaks_of({"scores": scores, "edges": edges}, Level(np.zeros((1, 3, 256, 256), np.float32), (0, 0), 1.0), 0.0)

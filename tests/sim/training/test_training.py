@@ -33,8 +33,8 @@ def test_the_right_answer_has_a_smaller_loss():
     from sim.training.optimization import detection_loss
     from sim.training.targets import targets_of
 
-    made = targets_of(np.array([[40.0, 30.0, 72.0, 130.0]]), np.ones(1), np.zeros(1, bool), 256, np.array([[40.0, 30.0, 72.0, 90.0]]))
-    targets = {name: torch.from_numpy(getattr(made, name))[None] for name in ("heat", "counted", "edges", "weight", "hidden")}
+    made = targets_of(np.array([[40.0, 30.0, 72.0, 130.0]]), np.ones(1), 256, np.array([[40.0, 30.0, 72.0, 90.0]]))
+    targets = {name: torch.from_numpy(getattr(made, name))[None] for name in ("heat", "counted", "edges", "weight", "worth", "hidden")}
     right = (
         torch.where(targets["heat"] == 1, 6.0, -6.0),
         targets["edges"].log(),

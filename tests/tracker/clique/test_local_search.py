@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tracker.clique.branch_and_bound import exact
 from tracker.clique.clique_cover import component_labels
 from tracker.clique.dimacs import read_graph
+from tracker.clique.exact_clique import exact
 from tracker.clique.local_search import Graph, Limits, Options, search
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tracker.clique.branch_and_bound import exact
 from tracker.clique.dimacs import read_graph
+from tracker.clique.exact_clique import exact
 from tracker.clique.local_search import Graph
 from tracker.datasets import synthetic_crowd
 from tracker.mht.global_hypothesis import HypothesisSearch, searched_cliques

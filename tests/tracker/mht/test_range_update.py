@@ -17,8 +17,8 @@ from tracker.geometry.cameras import Panorama
 from tracker.geometry.ground import Flat, Grid
 from tracker.mht.box_update import update_child
 from tracker.mht.branching_data import BoxTable, BranchingConstants, ChildHypotheses, Observation, ParentHypotheses, empty_children
-from tracker.mht.initiation import with_statures
 from tracker.mht.range_update import correct_range, range_log_density
+from tracker.mht.root_measurement import with_statures
 from tracker.mht.track_trees import TrackHypotheses, initiated
 from tracker.tracks.parameters import MhtParameters
 from tracker.tracks.sensor_model import SensorModel

@@ -31,7 +31,7 @@ def test_images_and_a_video(tmp_path: Path, how: DetectionRun) -> None:
     images.mkdir()
     writer = VideoWriters(tmp_path / "videos", 10.0)
     for k, place in enumerate(PLACES):
-        image = picture_with((96, 128), [place])
+        image = picture_with((112, 128), [place])
         cv2.imwrite(str(images / f"{k:03d}.png"), image)
         writer.put("C1", image)
     writer.finish()
@@ -53,7 +53,7 @@ def test_images_and_a_video(tmp_path: Path, how: DetectionRun) -> None:
 
 
 def test_grey_alpha_and_16_bit_files(tmp_path: Path, how: DetectionRun) -> None:
-    image = picture_with((96, 128), [PLACES[0]])
+    image = picture_with((112, 128), [PLACES[0]])
     grey = image[:, :, 0]
     kinds = {"grey": grey, "alpha": np.dstack([image, grey]), "deep": image.astype(np.uint16) * 257}
     for name, content in kinds.items():
@@ -85,7 +85,7 @@ def files_in(folder: Path) -> dict[str, bytes]:
 def test_an_interrupted_search_goes_on(tmp_path: Path, how: DetectionRun) -> None:
     """A resumed search has the same bytes. It takes boxes of the journal, but for an image that has changed."""
     how = DetectionRun(how.detector, pictures=True, video=True)
-    image = [picture_with((96, 132), [place]) for place in PLACES]
+    image = [picture_with((112, 132), [place]) for place in PLACES]
     frames = [PictureFrame(k, "C1", one, CameraPlace(), 25.0) for k, one in enumerate(image)]
     whole = write_detections(frames, 3, tmp_path / "whole", {}, how)
 
@@ -104,7 +104,7 @@ def test_an_interrupted_search_goes_on(tmp_path: Path, how: DetectionRun) -> Non
     video = cv2.VideoCapture(str(tmp_path / "out" / "videos" / "C1.mp4"))
     assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 3
     assert video.get(cv2.CAP_PROP_FPS) == 25
-    assert video.read()[1].shape == (96, 132, 3)
+    assert video.read()[1].shape == (112, 132, 3)
     # Boxes that no search finds: those of the second image are kept, and the first image is another one now.
     journal = tmp_path / "other" / ".partial" / ".found.jsonl"
     journal.write_text(re.sub(r'"probability": \[[^]]*\]', '"probability": [0.125]', journal.read_text()))
@@ -113,9 +113,9 @@ def test_an_interrupted_search_goes_on(tmp_path: Path, how: DetectionRun) -> Non
 
 
 def test_images_of_two_sizes_are_no_video(tmp_path: Path, how: DetectionRun) -> None:
-    frames = [PictureFrame(k, "C1", picture_with((96, 128 + 2 * k), [PLACES[0]]), CameraPlace()) for k in range(2)]
+    frames = [PictureFrame(k, "C1", picture_with((112, 128 + 2 * k), [PLACES[0]]), CameraPlace()) for k in range(2)]
     assert write_detections(frames, 2, tmp_path / "out", {}, how)["found"]["C1"]["frames"] == 2
-    with pytest.raises(ValueError, match="C1: has images of 128 x 96 and 130 x 96 px, --video needs one size"):
+    with pytest.raises(ValueError, match="C1: has images of 128 x 112 and 130 x 112 px, --video needs one size"):
         write_detections(frames, 2, tmp_path / "video", {}, DetectionRun(how.detector, video=True))
     assert not (tmp_path / "video").exists()
 
@@ -131,11 +131,11 @@ def noise_video(path: Path, size: tuple[int, int], codec: str) -> bytes:
 def test_videos_that_end_early_and_whose_frames_change_size(tmp_path: Path) -> None:
     """MPEG-1 streams may follow each other in one file; OpenCV scales the second to the size of the first."""
     cut, mixed = tmp_path / "cut.avi", tmp_path / "mixed.mpg"
-    whole = noise_video(cut, (96, 128), "MJPG")
+    whole = noise_video(cut, (112, 128), "MJPG")
     cut.write_bytes(whole[: len(whole) // 2])
     with pytest.raises(ValueError, match=r"cut\.avi: ends after [1-9]\d* of the 20 frames that it names"):
         number_of_pictures(cut)
-    mixed.write_bytes(noise_video(tmp_path / "a.mpg", (96, 128), "MPG1") + noise_video(tmp_path / "b.mpg", (48, 64), "MPG1"))
+    mixed.write_bytes(noise_video(tmp_path / "a.mpg", (112, 128), "MPG1") + noise_video(tmp_path / "b.mpg", (48, 64), "MPG1"))
     frames = list(frames_of_pictures(mixed))
     assert len(frames) > 30
-    assert {frame.image.shape for frame in frames} == {(96, 128, 3)}
+    assert {frame.image.shape for frame in frames} == {(112, 128, 3)}

@@ -28,17 +28,17 @@ from tracker.sequence.truth_tables import read_boxes
 
 
 def test_both_extents_are_written(tmp_path: Path) -> None:
-    """Boxes of 20 x 70 px of which the upper half is visible, but for a tenth at each side; one is cut off by the image border at 128 px."""
+    """Boxes of 20 x 94 px of which the upper half is visible, but for a tenth at each side; one is cut off by the image border at 160 px."""
     detector = PersonDetector(write_blob_network(tmp_path / "m.onnx", hidden=(0.1, 1e-4, 0.1, 0.5)))
-    frame = PictureFrame(0, "C1", picture_with((128, 128), [(40.0, 46.0), (90.0, 110.0)]), CameraPlace())
+    frame = PictureFrame(0, "C1", picture_with((160, 128), [(40.0, 58.0), (90.0, 142.0)]), CameraPlace())
     for visible in (False, True):
         out = tmp_path / str(visible)
         write_detections([frame], 1, out, {}, DetectionRun(detector, visible=visible))
         boxes, parts = read_mot15(out / "C1.txt"), read_mot15(out / "C1.visible.txt")
         order = np.argsort(boxes.box[:, 0])
-        np.testing.assert_allclose(parts.box[order], [[30, 11, 16, 35], [82, 75, 16, 35]], atol=2.0)
-        # Of the second box, 53 px are in the image, and 35 of them visible.
-        np.testing.assert_allclose(parts.confidence[order], [0.8 * 0.5, 0.8 * 35 / 53], atol=0.03)
+        np.testing.assert_allclose(parts.box[order], [[32, 11, 16, 47], [82, 95, 16, 47]], atol=2.0)
+        # Of the second box, 65 px are in the image, and 47 of them visible.
+        np.testing.assert_allclose(parts.confidence[order], [0.8 * 0.5, 0.8 * 47 / 65], atol=0.03)
         assert (boxes.box == parts.box).all() == visible
         with pytest.raises(ValueError, match="holds another run"):
             write_detections([frame], 1, out, {}, DetectionRun(detector, visible=not visible))
