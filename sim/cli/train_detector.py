@@ -35,7 +35,7 @@ class TrainDetector:
     calibration: int = 18
     """Number of scenes on which the scores are calibrated."""
     held_out: int = 35
-    """Number of scenes on which the detector is scored: seeds 2000 and on, seven worlds each."""
+    """Number of scenes on which the detector is scored: seeds 2000 and on, seven worlds each; and as many rooms, at most 30."""
     workers: int = 2
     """Number of processes; the result is the same with any number."""
     rich: bool = True
@@ -43,7 +43,7 @@ class TrainDetector:
     start: Annotated[Path | None, unset("MODEL.onnx", "random weights")] = None
     """Model of an earlier training that gives the initial weights; the learning rate is lower then."""
     earlier: Annotated[tuple[Path, ...], unset("DIR [DIR ...]", "none")] = ()
-    """Folders of earlier trainings; their rendered scenes are added to the new ones."""
+    """Folders of earlier trainings; the scenes that they rendered are added to the new ones."""
     json: bool = False
     """Print JSON alone."""
 

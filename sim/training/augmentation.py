@@ -17,7 +17,7 @@ from scipy import ndimage
 from sim.training.clutter import Picture, piece, texture_bank
 from sim.training.photometric import camera_look, recoloured
 from sim.training.scene_rendering import ImageSet
-from sim.training.targets import LEAST_HEIGHT, LEAST_VISIBLE, Targets, targets_of
+from sim.training.targets import HIDDEN, LEAST_HEIGHT, LEAST_INSIDE, LEAST_VISIBLE, Targets, targets_of
 from tracker.geometry import Array, Mask
 from tracker.person_detector.network import MULTIPLE
 
@@ -67,6 +67,12 @@ class _CrowdCrop:
         pixels = np.bincount(self.instances.ravel(), minlength=256)[self.person]
         return np.minimum(self.visible, pixels / np.maximum(FILLED * area, 1.0))
 
+    def mirror(self) -> None:
+        """Exchange left and right."""
+        self.picture, self.instances = (np.ascontiguousarray(layer[:, ::-1]) for layer in (self.picture, self.instances))
+        size = len(self.picture)
+        self.boxes = np.stack([size - self.boxes[:, 2], self.boxes[:, 1], size - self.boxes[:, 0], self.boxes[:, 3]], axis=1)
+
     def paste(self, picture: Picture, mask: NDArray[np.uint8], corner: tuple[int, int], instance: int, behind: bool) -> None:
         """Paste a picture at a corner (x, y), in front of all bodies or behind them. The visible shares of the bodies it hides shrink."""
         size = len(self.picture)
@@ -115,14 +121,12 @@ class CropSampler:
             self._paste_screen(crop, rng)
         if rng.random() < HIDDEN_SHARE:
             self._hide(crop, rng)
-        picture = camera_look(crop.picture, rng)
-        if rng.random() < ENDED_SHARE:
-            picture = self._end(crop, picture, rng)
-        boxes, seen, visible = crop.boxes, visible_parts(crop.instances, crop.person, crop.boxes), crop.visible_here()
+        crop.picture = camera_look(crop.picture, rng)
         if rng.random() < 0.5:
-            picture = np.ascontiguousarray(picture[:, ::-1])
-            boxes, seen = (np.stack([size - box[:, 2], box[:, 1], size - box[:, 0], box[:, 3]], axis=1) for box in (boxes, seen))
-        return picture, targets_of(boxes, visible, size, seen)
+            crop.mirror()
+        if rng.random() < ENDED_SHARE:
+            self._end(crop, rng)
+        return crop.picture, targets_of(crop.boxes, crop.visible_here(), size, visible_parts(crop.instances, crop.person, crop.boxes))
 
     def _image(self, rng: np.random.Generator) -> tuple[ImageSet, int, bool]:
         """A random image: its set, its index, and whether it is a panorama."""
@@ -271,16 +275,17 @@ class CropSampler:
         at = rng.integers(-wide // 4, size - wide // 2, 2).tolist()
         crop.paste(np.asarray(framed, np.uint8), np.full(framed.shape[:2], 255, np.uint8), (at[0], at[1]), 0, behind=True)
 
-    def _end(self, crop: _CrowdCrop, picture: Picture, rng: np.random.Generator) -> Picture:
-        """The picture with its last rows and columns repeated to the end of the crop. Bodies end with the image."""
-        size = len(picture)
+    def _end(self, crop: _CrowdCrop, rng: np.random.Generator) -> None:
+        """Let the image end before the crop at the right and below: its last pixels are repeated. Bodies end with the image."""
+        size = len(crop.picture)
         columns, rows = (size - rng.integers(0, MULTIPLE, 2)).tolist()
         before = np.prod(np.maximum(crop.boxes[:, 2:] - crop.boxes[:, :2], 1e-9), axis=1)
         crop.boxes = np.minimum(crop.boxes, [columns, rows, columns, rows])
-        crop.visible = crop.visible * np.prod(crop.boxes[:, 2:] - crop.boxes[:, :2], axis=1) / before
+        inside = np.prod(crop.boxes[:, 2:] - crop.boxes[:, :2], axis=1) / before
+        crop.visible = np.where(inside < LEAST_INSIDE, HIDDEN, crop.visible * inside)
         crop.instances[rows:], crop.instances[:, columns:] = 0, 0
-        ended = cv2.copyMakeBorder(picture[:rows, :columns], 0, size - rows, 0, size - columns, cv2.BORDER_REPLICATE)
-        return np.asarray(ended, np.uint8)
+        ended = cv2.copyMakeBorder(crop.picture[:rows, :columns], 0, size - rows, 0, size - columns, cv2.BORDER_REPLICATE)
+        crop.picture = np.asarray(ended, np.uint8)
 
 
 @cache

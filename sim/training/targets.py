@@ -35,7 +35,7 @@ class Targets:
 
     heat (1, h, w) in [0, 1]. counted (1, h, w): 0 where a cell without a body is ignored, else 1.
     worth (1, h, w): weight of the score where heat is 1, else 0. edges (4, h, w): distances px from the cell's centre to left, top, right and
-    bottom. weight (1, h, w): of the edges, 0 for none. All cells of a body together weigh the logarithm of its area in cells.
+    bottom. weight (1, h, w): of the edges, 0 for none. All cells of a body together weigh its worth by the logarithm of its area in cells.
     So near bodies do not outweigh the many far ones. hidden (4, h, w): shares of the box beyond the visible part at left, top, right and bottom.
     """
 

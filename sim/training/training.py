@@ -9,6 +9,7 @@ import dataclasses
 import hashlib
 import importlib.util
 import json
+import resource
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -35,12 +36,16 @@ JUDGED = {"moments": 4, "panoramas": 1, "pinholes": 2}
 """Sizes of the scenes of calibration and evaluation."""
 ORDER, DATA, MODEL, FIGURES, CURVES, FRAMES = "order.json", "data", "person_detector.onnx", "figures.json", "curves.png", "frames.png"
 SHOWN_FRAMES = 10
-HELD_OUT_ROOMS, JUDGED_ROOMS = 30, JUDGED | {"moments": 2}
-"""Number of held-out meeting rooms and their sizes. A room holds few people, so that figures of few rooms vary."""
+MOST_ROOMS, JUDGED_ROOMS = 30, JUDGED | {"moments": 2}
+"""Largest number of held-out meeting rooms, and their sizes. A room holds few people, so that figures of few rooms vary."""
+OFF = {"rich": None, "rooms": None, "judged_rooms": None, "start": None, "earlier": None}
+"""Entries of an order that are left out where their option is off."""
 UNCALIBRATED = {"version": 1, "calibration": [[-10.0, 0.0], [10.0, 1.0]], "min_score": 0.0, "nms_iou": 1.0}
 """Metadata of the model during its calibration."""
 RANGE_BATCHES = 12
 """Number of batches of crops, after those of the training, that set the ranges of activations."""
+OPEN_FILES = 1 << 16
+"""Number of files that are open at most; rendered scenes stay on disk."""
 NEEDED = ("torch", "onnx", "onnxruntime")
 """Packages of the extra `train`."""
 
@@ -77,19 +82,37 @@ class TrainingPlan:
     def order(self) -> dict[str, Any]:
         """The options that decide the result, as JSON values. Newer options appear only where they are on, so that older orders stay valid.
 
-        Raises OSError where the model to start from or an earlier training cannot be read.
+        Raises OSError or ValueError where the model to start from or an earlier training cannot be read.
         """
         numbers = {name: value for name, value in dataclasses.asdict(self).items() if name not in ("workers", "rich", "start", "earlier")}
         start = {} if self.start is None else {"start": hashlib.sha256(self.start.read_bytes()).hexdigest()}
         earlier = {"earlier": [read_json(folder / ORDER) for folder in self.earlier]} if self.earlier else {}
-        return numbers | ({"rich": True, "rooms": ROOMS} if self.rich else {}) | start | earlier
+        return numbers | ({"rich": True, "rooms": ROOMS, "judged_rooms": self.rooms} if self.rich else {}) | start | earlier
+
+    @property
+    def rooms(self) -> int:
+        """Number of held-out rooms."""
+        return min(self.held_out, MOST_ROOMS) if self.rich else 0
+
+    def scenes_of(self, folder: Path) -> list[Path]:
+        """Folders of the rendered scenes, those of earlier trainings first.
+
+        Raises ValueError for an earlier training whose scenes are not all there.
+        """
+        out = []
+        for source, count in (*((earlier, read_json(earlier / ORDER)["scenes"]) for earlier in self.earlier), (folder, self.scenes)):
+            scenes = sorted(one.parent for one in (source / DATA).glob(f"scene-*/{PINHOLES}.npz"))
+            if len(scenes) != count and source != folder:
+                raise ValueError(f"{source}: has {len(scenes)} of its {count} scenes, needs all; finish its training first")
+            out += scenes
+        return out
 
     def tasks(self, folder: Path) -> dict[str, list[SceneTask]]:
         """The scenes to be rendered, by their purpose: data, calibration, held-out and, of meeting rooms, rooms."""
         first, names = SEEDS_A_RUN * (self.seed + 1), PLACES
         places = [(HELD_OUT_SEED + k // len(names), names[k % len(names)]) for k in range(self.held_out)]
         unseen = folder / "held-out"
-        rooms = [(HELD_OUT_SEED + k, meeting_room.NAME) for k in range(HELD_OUT_ROOMS if self.rich else 0)]
+        rooms = [(HELD_OUT_SEED + k, meeting_room.NAME) for k in range(self.rooms)]
         return {
             "data": scene_tasks(folder / DATA, self.scenes, first, {"moments": self.moments}, self.rich),
             "calibration": scene_tasks(folder / "calibration", self.calibration, first + CALIBRATION_SEEDS, JUDGED, self.rich),
@@ -113,6 +136,8 @@ def train_detector(plan: TrainingPlan, folder: Path) -> dict[str, Any]:
     """
     check_needed()
     _check_folder(plan, folder)
+    plan.scenes_of(folder)
+    _allow_open_files()
     with folder_lock(folder):
         _check_folder(plan, folder)
         if (folder / FIGURES).exists():
@@ -120,7 +145,7 @@ def train_detector(plan: TrainingPlan, folder: Path) -> dict[str, Any]:
         write_text(folder / ORDER, json.dumps(plan.order, indent=1) + "\n")
         tasks = plan.tasks(folder)
         _render([task for some in tasks.values() for task in some], plan.workers)
-        scenes = [scene for source in (*plan.earlier, folder) for scene in sorted((source / DATA).iterdir()) if (scene / f"{PINHOLES}.npz").exists()]
+        scenes = plan.scenes_of(folder)
         sampler = CropSampler(_sets(scenes, PANORAMAS), _sets(scenes, PINHOLES), plan.seed)
         if not sampler.panoramas and not sampler.pinholes:
             raise ValueError(f"scenes is {plan.scenes}: no camera saw a person, needs more scenes")
@@ -129,7 +154,15 @@ def train_detector(plan: TrainingPlan, folder: Path) -> dict[str, Any]:
 
 def _check_folder(plan: TrainingPlan, folder: Path) -> None:
     if holds_run(folder, ORDER, (".*",)):
-        check_same(folder, read_json(folder / ORDER), plan.order, "another training")
+        check_same(folder, read_json(folder / ORDER), OFF | plan.order, "another training")
+
+
+def _allow_open_files() -> None:
+    """Raise the number of files that this process and its workers may open: four of each scene are mapped."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if hard == resource.RLIM_INFINITY:
+        hard = OPEN_FILES
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, min(hard, OPEN_FILES)), hard))
 
 
 def _render(tasks: list[SceneTask], workers: int) -> None:

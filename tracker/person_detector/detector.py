@@ -120,7 +120,7 @@ class PersonDetector:
             full = full.select(~((full.height < SHARED * finest.magnified) & part.holds(full)))
             level = level_of_part(part.cut_out(image), part.seen[:2])
             found = self._at_level(level, (0.0, finest.magnified), least_logit, None)
-            out.append(found.select(part.holds(found, SLACK)))
+            out.append(found.select(part.holds(found, SLACK) & part.whole(found, rows)))
         return FoundBoxes.joined([full.select(full.score >= least_logit), *out])
 
     def _at_level(self, level: Level, heights: tuple[float, float], least_logit: float, period: float | None) -> FoundBoxes:

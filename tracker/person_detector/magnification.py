@@ -15,8 +15,15 @@ from tracker.person_detector.found_boxes import FoundBoxes
 
 SHARED = 0.85
 """Bodies above this share of the largest magnified height are also taken from the picture itself. Suppression keeps one box of each."""
-TILE, MARGIN, SLACK = 32, 48, 6
-"""px: side of a tile, margin that is magnified around a part, and largest distance of a body outside it that belongs to it."""
+TILE, MARGIN, SLACK = 32, 52, 6
+"""px: side of a tile, margin that is magnified around a part, and largest distance of a body outside it that belongs to it.
+
+The margin holds half of the tallest body that is magnified (MAGNIFIED in search_levels.py) and the slack.
+"""
+MOST_AREA = 1 << 20
+"""px²: larger parts are divided, so that the memory is bounded."""
+ENDS = 2.0
+"""px: a body whose edge is nearer to an inner side of a magnified part may be cut there."""
 LARGEST_SHARE = 1.0
 """Largest area of all parts with their margins, as a share of the picture; it determines the time."""
 
@@ -33,6 +40,12 @@ class Part:
         """Area of `seen`, px²."""
         left, top, right, bottom = self.seen
         return (right - left) * (bottom - top)
+
+    def whole(self, peaks: FoundBoxes, height: int) -> Mask:
+        """Which boxes (n,) do not end with `seen` above or below, inside of the image, which is `height` px high."""
+        _, top, _, bottom = self.seen
+        cut_above, cut_below = peaks.box[:, 1] < top + ENDS, peaks.box[:, 1] + peaks.box[:, 3] > bottom - ENDS
+        return np.asarray(~(cut_above & (top > 0) | cut_below & (bottom < height)))
 
     def holds(self, peaks: FoundBoxes, slack: float = 0.0) -> Mask:
         """Which peaks (n,) have their middles in the core, or at most `slack` px beside it."""
@@ -62,11 +75,25 @@ def magnified_parts(small: FoundBoxes, shape: tuple[int, ...], wraps: bool) -> l
     np.maximum.at(surest, label[row, column], small.score)
     out, left = [], LARGEST_SHARE * height * width
     for k in (1 + np.argsort(-surest[1:], kind="stable")).tolist():
-        part = _part(boxes[k, :4].tolist(), (width, height), wraps)
-        if part.area <= left:
-            out.append(part)
-            left -= part.area
+        parts = _parts(boxes[k, :4].tolist(), (width, height), wraps)
+        area = sum(part.area for part in parts)
+        if area <= left:
+            out += parts
+            left -= area
     return out
+
+
+def _parts(tiles: list[int], size: tuple[int, int], wraps: bool) -> list[Part]:
+    """The parts of a rectangle of tiles (column, row, number of columns and rows), one if it is small."""
+    across, down, columns, rows = tiles
+    part = _part(tiles, size, wraps)
+    if part.area <= MOST_AREA or columns == rows == 1:
+        return [part]
+    if columns > rows:
+        halves = [across, down, columns // 2, rows], [across + columns // 2, down, columns - columns // 2, rows]
+    else:
+        halves = [across, down, columns, rows // 2], [across, down + rows // 2, columns, rows - rows // 2]
+    return [one for half in halves for one in _parts(half, size, wraps)]
 
 
 def _part(tiles: list[int], size: tuple[int, int], wraps: bool) -> Part:

@@ -126,8 +126,8 @@ def test_an_image_that_ends_before_its_crop_is_continued_and_bodies_end_with_it(
     for _ in range(40):
         crop = sampler._crop(rng, 256, (100.0, 240.0))
         before = crop.boxes.copy()
-        picture = sampler._end(crop, crop.picture, rng)
-        rows, columns = (256 - int((one[:-1] == one[1:]).all(axis=(1, 2))[::-1].argmin()) for one in (picture, picture.swapaxes(0, 1)))
+        sampler._end(crop, rng)
+        rows, columns = (256 - int((one[:-1] == one[1:]).all(axis=(1, 2))[::-1].argmin()) for one in (crop.picture, crop.picture.swapaxes(0, 1)))
         assert min(rows, columns) > 256 - 32
         np.testing.assert_array_equal(crop.boxes, np.minimum(before, [columns, rows, columns, rows]))
         assert not crop.instances[rows:].any()

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from sim.cli.train_detector import TrainDetector
-from sim.training.scene_rendering import ROOMS
-from sim.training.training import FIGURES, MODEL, ORDER, TrainingPlan, check_needed, train_detector
+from sim.training.scene_rendering import PINHOLES, ROOMS
+from sim.training.training import DATA, FIGURES, MODEL, ORDER, TrainingPlan, check_needed, train_detector
 from worlds.scenes import meeting_room
 
 torch = pytest.importorskip("torch", reason="needs torch (make rl)")
@@ -108,10 +108,28 @@ def test_whole_training_in_small(tmp_path):
     assert "ap50" in train_detector(again, tmp_path)["room panorama"]
 
 
+def test_scenes_of_earlier_trainings_are_added(tmp_path: Path) -> None:
+    """Each training is stated with those before it; one whose scenes are not all there is refused, as is going on without it."""
+    first, out = tmp_path / "first", tmp_path / "out"
+    plan = TrainingPlan(scenes=2, earlier=(first,))
+    (first / DATA / "scene-0000").mkdir(parents=True)
+    (first / ORDER).write_text(json.dumps(TrainingPlan(scenes=1).order))
+    assert plan.order["earlier"] == [TrainingPlan(scenes=1).order]
+    with pytest.raises(ValueError, match="has 0 of its 1 scenes, needs all"):
+        train_detector(plan, out)
+    (first / DATA / "scene-0000" / f"{PINHOLES}.npz").touch()
+    (out / DATA / "scene-0000").mkdir(parents=True)
+    (out / DATA / "scene-0000" / f"{PINHOLES}.npz").touch()
+    assert plan.scenes_of(out) == [folder / DATA / "scene-0000" for folder in (first, out)]
+    (out / ORDER).write_text(json.dumps(plan.order))
+    with pytest.raises(ValueError, match="another training"):
+        train_detector(dataclasses.replace(plan, earlier=()), out)
+
+
 def test_scenes_are_rich_unless_told_otherwise(tmp_path: Path) -> None:
     plain, rich = TrainingPlan(rich=False), TrainingPlan()
     assert "rich" not in plain.order
-    assert rich.order == plain.order | {"rich": True, "rooms": ROOMS}
+    assert rich.order == plain.order | {"rich": True, "rooms": ROOMS, "judged_rooms": 30}
     tasks, others = plain.tasks(tmp_path), rich.tasks(tmp_path)
     assert not any(task.rich for some in tasks.values() for task in some)
     assert all(task.rich for task in others["data"] + others["calibration"])

@@ -1,4 +1,4 @@
-"""A small network with known answers: a person is a bright blob of 12 px, and its box is 20 px wide and 94 px high about it."""
+"""A small network with known answers: a person is a bright blob of 12 px, and its box is 20 px wide and 94 px high about it, too high to be magnified."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ import onnx
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
-BLOB, WIDTH, HEIGHT = 12, 20, 94
+from tracker.person_detector.search_levels import MAGNIFIED
+
+BLOB, WIDTH, HEIGHT = 12, 20, round(MAGNIFIED[0]) + 4
 META = {"version": 1, "calibration": [[-4, 0.0], [0, 0.5], [4, 1.0]], "min_score": 0.3, "nms_iou": 0.5}
 
 
