@@ -1,4 +1,4 @@
-"""A small network with known answers: a person is a bright blob of 12 px, and its box is 20 px wide and 94 px high about it, too high to be magnified."""
+"""A small network with known answers: a person is a bright blob of 12 px. Its box is 20 px wide and 94 px high, too high to be magnified."""
 
 from __future__ import annotations
 
