@@ -9,7 +9,6 @@ import dataclasses
 import hashlib
 import importlib.util
 import json
-import resource
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -159,6 +158,11 @@ def _check_folder(plan: TrainingPlan, folder: Path) -> None:
 
 def _allow_open_files() -> None:
     """Raise the number of files that this process and its workers may open: four of each scene are mapped."""
+    if importlib.util.find_spec("resource") is None:
+        # Windows has no such limit.
+        return
+    import resource
+
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if hard == resource.RLIM_INFINITY:
         hard = OPEN_FILES
