@@ -17,7 +17,7 @@ from scipy import ndimage
 from sim.training.clutter import Picture, piece, texture_bank
 from sim.training.photometric import camera_look, recoloured
 from sim.training.scene_rendering import ImageSet
-from sim.training.targets import HIDDEN, LEAST_HEIGHT, LEAST_INSIDE, LEAST_VISIBLE, Targets, targets_of
+from sim.training.targets import HIDDEN, LEAST_HEIGHT, LEAST_INSIDE, LEAST_VISIBLE, Targets, areas, targets_of
 from tracker.geometry import Array, Mask
 from tracker.person_detector.network import MULTIPLE
 
@@ -63,9 +63,8 @@ class _CrowdCrop:
     def visible_here(self) -> Array:
         """Visible shares (n,) of the bodies, or less where their visible parts lie outside of the crop."""
         inside = np.clip(self.boxes, 0, len(self.picture))
-        area = np.prod(inside[:, 2:] - inside[:, :2], axis=1)
         pixels = np.bincount(self.instances.ravel(), minlength=256)[self.person]
-        return np.minimum(self.visible, pixels / np.maximum(FILLED * area, 1.0))
+        return np.minimum(self.visible, pixels / np.maximum(FILLED * areas(inside), 1.0))
 
     def mirror(self) -> None:
         """Exchange left and right."""
@@ -279,9 +278,9 @@ class CropSampler:
         """Let the image end before the crop at the right and below: its last pixels are repeated. Bodies end with the image."""
         size = len(crop.picture)
         columns, rows = (size - rng.integers(0, MULTIPLE, 2)).tolist()
-        before = np.prod(np.maximum(crop.boxes[:, 2:] - crop.boxes[:, :2], 1e-9), axis=1)
+        before = np.maximum(areas(crop.boxes), 1e-9)
         crop.boxes = np.minimum(crop.boxes, [columns, rows, columns, rows])
-        inside = np.prod(crop.boxes[:, 2:] - crop.boxes[:, :2], axis=1) / before
+        inside = areas(crop.boxes) / before
         crop.visible = np.where(inside < LEAST_INSIDE, HIDDEN, crop.visible * inside)
         crop.instances[rows:], crop.instances[:, columns:] = 0, 0
         ended = cv2.copyMakeBorder(crop.picture[:rows, :columns], 0, size - rows, 0, size - columns, cv2.BORDER_REPLICATE)

@@ -58,7 +58,7 @@ def targets_of(boxes: Array, visible: Array, size: int, seen: Array | None = Non
     edges, weight = np.ones((4, cells, cells), np.float32), np.zeros((cells, cells), np.float32)
     hidden = np.zeros((4, cells, cells), np.float32)
     centres = (np.arange(cells, dtype=np.float32) + 0.5) * STRIDE
-    inside = _area(np.clip(boxes, 0, size)) / np.maximum(_area(boxes), 1e-9)
+    inside = areas(np.clip(boxes, 0, size)) / np.maximum(areas(boxes), 1e-9)
     boxes = np.clip(boxes, 0, size)
     beyond = np.zeros(boxes.shape) if seen is None else hidden_shares(boxes, np.clip(seen, 0, size))
     skipped = (inside < LEAST_INSIDE) | (visible < LEAST_VISIBLE) | (boxes[:, 3] - boxes[:, 1] < LEAST_HEIGHT)
@@ -85,6 +85,6 @@ def targets_of(boxes: Array, visible: Array, size: int, seen: Array | None = Non
     return Targets(heat[None], counted[None], worth[None], edges, weight[None], hidden)
 
 
-def _area(boxes: Array) -> Array:
+def areas(boxes: Array) -> Array:
     """Areas (n,) px² of boxes (n, 4) left, top, right, bottom."""
     return np.asarray(np.prod(np.maximum(boxes[:, 2:] - boxes[:, :2], 0), axis=1))
