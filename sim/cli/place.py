@@ -41,8 +41,8 @@ class Training:
     """Train PPO for this number of decisions, in place of a comparison; needs the extra `rl`."""
     out: Path = Path("runs/ppo")
     """Folder of policy.onnx, ppo.zip, curve.csv and curve.png."""
-    train_worlds: Annotated[tuple[str, ...], unset("NAME [NAME ...]", "that of --world")] = ()
-    """Worlds of the training, in turn."""
+    train_over: Annotated[tuple[str, ...], unset("NAME=VALUE,... [NAME=...]", "nothing differs")] = ()
+    """Options of the environment that differ between the teams, with their values: world=hall,hills people=10,20 detector_model=fairmot,pixels."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ class Place:
         if self.training.train is not None:
             from sim.policies.training import train
 
-            print(train(self._options(), self.training.train, self.training.out, self.seed, self.training.train_worlds))
+            print(train(self._options(), self.training.train, self.training.out, self.seed, _varied(self.training.train_over)))
             return
         if self.scene.robot is not None:
             raise ValueError("--robot is for generate, demo, stress and predict: the robots of a placement are rovers")
@@ -192,3 +192,24 @@ def _plain(rows: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
 def _row(outcome: EpisodeResult) -> dict[str, Any]:
     """An episode without the time that it took: the same seed prints the same JSON."""
     return {name: value for name, value in dataclasses.asdict(outcome).items() if name != "act_ms"}
+
+
+def _varied(texts: tuple[str, ...]) -> dict[str, list[Any]]:
+    """The options of the environment that differ between teams, with their values, from texts NAME=VALUE,VALUE."""
+    from sim.placement.config import PlacementConfig
+    from tracker.detector_models.model import INDEPENDENT, chosen_model
+
+    out: dict[str, list[Any]] = {}
+    kinds = {field.name: type(field.default) for field in dataclasses.fields(PlacementConfig) if field.name != "action"}
+    for text in texts:
+        name, _, values = text.partition("=")
+        kind = kinds.get(name)
+        if kind not in (str, int, float) or name in out:
+            raise ValueError(f"--train-over is {text}, needs NAME=VALUE,... of another option of the environment, as people=10,20")
+        try:
+            out[name] = [kind(value) for value in values.split(",")]
+        except ValueError:
+            raise ValueError(f"--train-over is {text}, needs {kind.__name__} values of {name}") from None
+    if "detector_model" in out:
+        out["detector_model"] = [value if value == INDEPENDENT else chosen_model(value) for value in out["detector_model"]]
+    return out

@@ -258,7 +258,7 @@ def _look(n, states, place, settings, step):  # type: ignore[no-untyped-def]
     views = Views(detector, robots, share, above, people)
     found = update(known, mean, covariance, views, (states.noise[n], states.luck[n]))
     states.known[n], states.mean[n], states.covariance[n], states.cameras[n] = found[0], found[1], found[2], cameras
-    states.terms[n, INFORMATION], states.added[n] = add_information(states.bounds[n], views, step)
+    states.terms[n, INFORMATION], states.added[n] = add_information(states.bounds[n], states.without[n], views, step)
     return share
 
 

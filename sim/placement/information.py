@@ -75,7 +75,8 @@ class States(NamedTuple):
     time_unseen (n, p): since each person was last seen, s. people (n, p, 4): feet x, y, z m and stature m. cameras (n, r, 3): positions, m.
     seen (n, r, p): shares of bodies seen. stopped (n, r): what stopped a robot in the last decision, as in movers.drive_step.
     tipped, tipping (n, r): whether a robot had tipped over at the last observation, and has tipped over now.
-    added (n, r): what each robot adds to the information about a person, nats. terms (n, 7): of the last decision, in the columns of TERMS.
+    without (n, r, p, 4, 4): bounds of people as they would be if one robot had never seen anybody. added (n, r): what each robot adds to the
+    information about a person, nats. terms (n, 7): of the last decision, in the columns of TERMS.
     noise (n, r, p, 2), luck (n, r, p): random numbers of the next views, normal and uniform.
     trail (n, TRAIL_LENGTH, r, 2): ring buffer of positions after the last decisions, m. decisions (n,): number of decisions so far.
     """
@@ -88,6 +89,7 @@ class States(NamedTuple):
     mean: Array
     covariance: Array
     bounds: Array
+    without: Array
     robot_bounds: Array
     time_unseen: Array
     people: Array
@@ -114,7 +116,8 @@ class States(NamedTuple):
         kinds = {"stopped": np.int64, "tipped": np.bool_, "tipping": np.bool_}
         arrays |= {name: np.zeros((n, r), dtype=kind) for name, kind in kinds.items()}
         bounds, robots = np.tile(unknown_people(p), (n, 1, 1, 1)), np.tile(started_robots(r), (n, 1, 1, 1))
-        return States(**arrays, bounds=bounds, robot_bounds=robots, decisions=np.zeros(n, dtype=np.int64))
+        without = np.tile(bounds[:, None], (1, r, 1, 1, 1))
+        return States(**arrays, bounds=bounds, without=without, robot_bounds=robots, decisions=np.zeros(n, dtype=np.int64))
 
     def copy_row(self, row: int, source: States, source_row: int) -> None:
         """Copy row `source_row` of other states into row `row`."""
@@ -411,13 +414,13 @@ def sight(views, r, p):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def add_information(bounds, views, step):  # type: ignore[no-untyped-def]
+def add_information(bounds, without, views, step):  # type: ignore[no-untyped-def]
     """Bounds (p, 4, 4) of people after a decision, in place. Returns the mean information about a person, nats, and each robot's contribution (r,).
 
-    The contribution of a robot is the loss without its views of this decision. step: s since the last decision, and number of frames.
+    without (r, p, 4, 4): bounds without any view of one robot since the start, changed in place. The contribution is what the team loses with them.
+    So its sum over time differs from that of the team's information by what the robot cannot change. step: s since the last decision, and frames.
     """
-    total, J, without = 0.0, np.zeros((len(views.cameras), 2, 2)), np.empty((4, 4))
-    added = np.zeros(len(views.cameras))
+    total, J, added = 0.0, np.zeros((len(views.cameras), 2, 2)), np.zeros(len(views.cameras))
     for p in range(len(views.people)):
         if step[0] > 0:
             predict_person(bounds[p], step[0])
@@ -426,13 +429,14 @@ def add_information(bounds, views, step):  # type: ignore[no-untyped-def]
             if views.share[r, p] > 0.0:
                 away, direction = sight(views, r, p)
                 add_view(views.detector, views.robots[r], away, direction, views.share[r, p], J[r])
-        update_person(bounds[p], J.sum(axis=0) * step[1])
+        every = J.sum(axis=0)
+        update_person(bounds[p], every * step[1])
         found = nats(bounds[p])
         total += found
         for r in range(len(views.cameras)):
-            if views.share[r, p] > 0.0:
-                without[:] = bounds[p]
-                update_person(without, -step[1] * J[r])
-                added[r] += found - nats(without)
+            if step[0] > 0:
+                predict_person(without[r, p], step[0])
+            update_person(without[r, p], (every - J[r]) * step[1])
+            added[r] += found - nats(without[r, p])
     count = max(len(views.people), 1)
     return total / count, added / count

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
-from typing import NamedTuple
-from weakref import WeakValueDictionary
+from functools import cached_property, lru_cache, wraps
+from typing import Any, NamedTuple, TypeVar, cast
+from weakref import WeakKeyDictionary, WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,7 @@ from worlds.terrain.heightfield import Heightfield
 from worlds.world import World
 
 CACHED_MAPS = 16
-"""Number of cached maps."""
+"""Number of maps that are kept after their last use."""
 START_SPACING = 2.0 * HALF_WIDTH + 0.3
 """Least distance between the starts of robots, m."""
 
@@ -220,6 +221,23 @@ class PlacementMap:
         return CrowdState(body, 0.0, state.entered)
 
 
+Kept = TypeVar("Kept", bound=Callable[..., Any])
+
+
+def kept_with_map(function: Kept) -> Kept:
+    """Cache a function of a map, and of other positional arguments, for as long as the map exists. Results must not refer to the map."""
+    found: WeakKeyDictionary[PlacementMap, dict[Any, Any]] = WeakKeyDictionary()
+
+    @wraps(function)
+    def cached(place: PlacementMap, *more: Any) -> Any:
+        of = found.setdefault(place, {})
+        if more not in of:
+            of[more] = function(place, *more)
+        return of[more]
+
+    return cast(Kept, cached)
+
+
 _in_use: WeakValueDictionary[MapKey, PlacementMap] = WeakValueDictionary()
 """The maps of all episodes, also where they are more than the cache holds."""
 
@@ -262,7 +280,7 @@ def landmark_information(place: PlacementMap) -> Array:
     return out
 
 
-@lru_cache(maxsize=CACHED_MAPS)
+@kept_with_map
 def _visible_from_nodes(place: PlacementMap, reach: float) -> NDArray[np.bool_]:
     """As `PlacementMap.visible_from_nodes`, cached: policies need it in every decision."""
     away = np.linalg.norm(place.node_cameras[:, None, :2] - place.walkable_points[:, :2], axis=2)

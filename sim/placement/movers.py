@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +16,7 @@ from sim.crowd.crowd import BehaviorState, CrowdState, StepInput, update_behavio
 from sim.crowd.social_force import BODY_RADIUS, SteeringGrid, advance, desired_motion, interactions
 from sim.placement.config import DRIVING_STEPS, SPEED, TRAVELLED, TURNED, YAW, YAW_RATE, PlacementConfig, X, Y
 from sim.placement.information import NEAR_MISSES, States
-from sim.placement.map import CACHED_MAPS, PlacementMap, bilinear_at, height_on
+from sim.placement.map import PlacementMap, bilinear_at, height_on, kept_with_map
 from sim.placement.roadmap import is_free, steer
 from sim.robots.driving import ACCELERATION, YAW_ACCELERATION, DriveState, Motion, Route, Traffic, accelerated
 from sim.robots.rover import FOOTPRINT_RADIUS, HALF_WIDTH, SPRUNG_MASS, WHEEL_RADIUS, wheel_positions
@@ -228,7 +227,7 @@ class KinematicMover:
         return None
 
 
-@lru_cache(maxsize=CACHED_MAPS)
+@kept_with_map
 def ways_of(place: PlacementMap) -> Ways:
     """The ways of a map, cached."""
     grid, groups, behavior = place.crowd.constants()

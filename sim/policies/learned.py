@@ -1,9 +1,9 @@
 """The policy trained by proximal policy optimization (Schulman et al. 2017): an ONNX file that onnxruntime runs.
 
 All robots share one policy (parameter sharing, as in Yu et al. 2022, The surprising effectiveness of PPO in cooperative multi-agent games).
-It chooses a waypoint for each robot every 3 s. It takes any number of people and robots.
-Inputs: `choices` (n, CHOICES, FEATURES) of waypoints.py and `people` (n, k, CHOICES, PEOPLE_FEATURES) of planning.py, float32.
-Output: `scores` (n, CHOICES). The metadata has an entry `pilsim`, a JSON object: kind "placement", version 1.
+It chooses a waypoint for each robot every second, from choices that predictive control has valued. It takes any number of people and robots.
+Inputs: `choices` (n, CHOICES, FEATURES) and `people` (n, k, CHOICES, PEOPLE_FEATURES) of planning.py, float32.
+Output: `scores` (n, CHOICES). The metadata has an entry `pilsim`, a JSON object: kind "placement", version 2.
 Models of stable-baselines3, which versions 0.3.0 and 0.4.0 wrote, can be read with the extra `rl`.
 """
 
@@ -18,13 +18,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.policies.planning import PEOPLE_FEATURES, ChoiceFeatures, Features
+from sim.policies.planning import FEATURES, PEOPLE_FEATURES, ChoiceFeatures, Features
 from sim.policies.policy import TeamKnowledge, waypoint_action
-from sim.policies.waypoints import CHOICES, FEATURES, HOLD
+from sim.policies.waypoints import CHOICES, HOLD, POINT_FEATURES
 from tracker.geometry import Array
 
 MISSING = "stable-baselines3 is not installed, training and policies of it need it: pip install 'pilsim[rl]'"
-KIND = {"kind": "placement", "version": 1}
+KIND = {"kind": "placement", "version": 2}
 LARGEST_MODEL = 1 << 24
 """Largest model file that is read, bytes: a file of unknown origin must not exhaust the memory."""
 Scores = Callable[[Features, Features], Array]
@@ -91,16 +91,16 @@ def _read_stable_baselines(path: Path) -> Scores:
     except Exception as error:
         raise ValueError(f"{path}: not a policy of stable-baselines3 ({type(error).__name__})") from None
     size = model.observation_space.shape[0]
-    if size % CHOICES or (size // CHOICES - FEATURES) % PEOPLE_FEATURES:
+    if size != CHOICES * POINT_FEATURES and (size % CHOICES or (size // CHOICES - FEATURES) % PEOPLE_FEATURES):
         raise ValueError(
             f"{path}: the policy takes observations of length {size}, needs {CHOICES * FEATURES} and {CHOICES * PEOPLE_FEATURES} a person"
         )
     network = model.policy.mlp_extractor
 
     def scores(choices: Features, people: Features) -> Array:
-        # Networks of versions up to 0.4.0 have no inputs for people.
+        # Networks of versions up to 0.4.0 have no inputs for people and for values.
         with torch.no_grad():
-            rows = torch.as_tensor(choices)
+            rows = torch.as_tensor(choices[..., : network.shape[1]])
             return np.asarray(network.score(network.with_people(rows, torch.as_tensor(people)) if network.people else rows).numpy())
 
     return scores

@@ -2,8 +2,9 @@
 
 Both maximize the environment's information (sim.placement.information) about predicted people. Each robot in turn chooses the goal with the most
 expected information of the team. Predictive control follows Mayne et al. 2000, Constrained model predictive control: stability and optimality.
-Only the first decision of the best path is executed, and the next decision plans anew.
-Features of people for a learned policy give the information that a robot's choice adds about each person.
+Only the first decision of the best path is executed, and the next decision plans anew. People are predicted along several ways, which are drawn
+by their direction of motion among the shortest paths of the map.
+Features for a learned policy tell the value of each choice as predictive control counts it, and the information that it adds about each person.
 """
 
 from __future__ import annotations
@@ -26,17 +27,16 @@ from sim.placement.information import (
     update_person,
 )
 from sim.placement.map import CHEST_HEIGHT, PlacementMap
+from sim.placement.roadmap import nearest_node
 from sim.placement.visibility import sees
 from sim.policies.policy import TeamKnowledge, waypoint_action
-from sim.policies.waypoints import RECOVERY_TIME, UnseenMap, WaypointFeatures
+from sim.policies.waypoints import CHOICES, HOLD, POINT_FEATURES, RECOVERY_TIME, UnseenMap, WaypointFeatures, choices_of
 from sim.robots.driving import TOP_YAW_RATE
 from tracker.geometry import Array, Mask
 from tracker.geometry.compilation import njit
 
-AHEAD = 3.0
-"""Prediction time for people, s: the time for which a choice holds."""
-PEOPLE_FEATURES = 5
-"""Number of features of a person at a choice."""
+PEOPLE_FEATURES, FEATURES = 5, POINT_FEATURES + 1
+"""Number of features of a person at a choice, and of a choice, the last of which is its value."""
 NATS_SCALE, DISTANCE_SCALE = 6.0, 12.0
 """Nats and metres that are scaled to 1."""
 
@@ -45,7 +45,11 @@ Features = NDArray[np.float32]
 STATURE = 1.72
 """Assumed stature of people, which policies do not know, m."""
 KEEPS_WALKING = 4.0
-"""Time constant with which the predicted velocity of a person decays, s."""
+"""Time constant with which the predicted velocity of a person decays on a straight way, s."""
+WAYS, WAY_DURATION = 4, 12.0
+"""Number of ways of a person that predictive samples, and time constant of the decay of speed along them, s."""
+WAY_BEGINNING, LEAST_WAY, WAY_CONCENTRATION = 3.0, 0.7, 6.0
+"""Length of the part of a way that gives its direction, m; least length of a way, m; concentration of directions at 1 m/s."""
 TRACKED_VELOCITY_SIGMA = 0.4
 """Standard deviation of the velocity of a tracked person, m/s."""
 MAX_PATH, PATH_DISCOUNT = 6.0, 7.0
@@ -64,86 +68,20 @@ FOUND_SIGMA = 0.3
 """Standard deviation of the place of a person after the first box, m."""
 INTERVAL = 1.5
 """Time between the places of a path at which predictive counts information, s."""
+LARGEST_LOSS = 30.0
+"""Bound of the loss of a choice against the best one in the features of a learned policy, nats."""
 CLOSE = 1.2
 """Distance between the goals of two robots that is too close, m."""
 
 
-def people_features(knowledge: TeamKnowledge, choices: NDArray[np.int64], bound_for: NDArray[np.int64]) -> NDArray[np.float32]:
-    """Features (r, k, c, PEOPLE_FEATURES) of k people at the choices (r, c) of each robot. Choices and bound_for (r,) are nodes of the roadmap.
-
-    While a robot chooses, the others count as being at their nodes in bound_for.
-
-    * 0: 1, while padding rows are 0. 1 to 3, over 6 nats: information if the robot goes there; the robot's share of it; information now.
-    * 4: distance of the person from the choice over 12 m.
-    """
-    ahead = PeopleAhead.of(knowledge, np.array([AHEAD]))
-    used, rows = np.unique(np.concatenate([choices.ravel(), bound_for]), return_inverse=True)
-    table = information_from(knowledge, knowledge.place.roadmap.nodes[used][:, None], ahead)[:, 0]
-    out = np.zeros((len(choices), len(ahead.bounds), choices.shape[1], PEOPLE_FEATURES), dtype=np.float32)
-    _fill(
-        out,
-        (ahead.bounds, ahead.feet[0], knowledge.place.roadmap.nodes[used]),
-        table,
-        (rows[: choices.size].reshape(choices.shape), rows[choices.size :]),
-    )
-    return out
-
-
-class ChoiceFeatures:
-    """The features of the choices of a team during an episode, and the nodes (r,) that the robots are bound for."""
-
-    def __init__(self, knowledge: TeamKnowledge) -> None:
-        self._waypoints = WaypointFeatures(knowledge)
-        self.bound_for = knowledge.place.roadmap.nearest(knowledge.robots[:, :2])
-
-    def update(self, knowledge: TeamKnowledge) -> tuple[Features, Features]:
-        """Features (r, CHOICES, FEATURES) of the new choices, and (r, k, CHOICES, PEOPLE_FEATURES) of k known people at them.
-
-        If there are more tracks than people, only the best known tracks are kept.
-        """
-        choices = self._waypoints.update(knowledge)
-        people = people_features(knowledge, self._waypoints.goals, self.bound_for)
-        if people.shape[1] > knowledge.config.people:
-            best = np.argsort(-people[0, :, 0, 3], kind="stable")[: knowledge.config.people]
-            people = people[:, best]
-        return choices, people
-
-    def chosen(self, choice: NDArray[np.int64]) -> NDArray[np.int64]:
-        """The nodes (r,) of the choices (r,), which the robots are bound for from now on."""
-        self.bound_for = self._waypoints.goals[np.arange(len(choice)), choice]
-        return self.bound_for
-
-
-@njit(cache=True)
-def _fill(out, where, table, rows):  # type: ignore[no-untyped-def]
-    (bounds, feet, nodes), (choices, bound_for), P = where, rows, np.empty((4, 4))
-    for k in range(len(bounds)):
-        P[:] = bounds[k]
-        now = nats(P)
-        predict_person(P, AHEAD)
-        for r in range(len(choices)):
-            others = np.zeros((2, 2))
-            for q in range(len(choices)):
-                if q != r:
-                    others += FRAMES_PER_DECISION * table[bound_for[q], k]
-            alone = P.copy()
-            update_person(alone, others)
-            for c in range(choices.shape[1]):
-                after = alone.copy()
-                update_person(after, FRAMES_PER_DECISION * table[choices[r, c], k])
-                found, node = nats(after), nodes[choices[r, c]]
-                out[r, k, c, 0], out[r, k, c, 1] = 1.0, found / NATS_SCALE
-                out[r, k, c, 2], out[r, k, c, 3] = (found - nats(alone)) / NATS_SCALE, now / NATS_SCALE
-                out[r, k, c, 4] = np.sqrt((node[0] - feet[k, 0]) ** 2 + (node[1] - feet[k, 1]) ** 2) / DISTANCE_SCALE
-
-
 @dataclass(frozen=True, eq=False)
 class PeopleAhead:
-    """k people at T times ahead: times (T,) s, feet (T, k, 2) m, and current bounds (k, 4, 4)."""
+    """k people, or ways of people, at T times ahead: times (T,) s, feet (T, k, 2) m, and current bounds (k, 4, 4). probability: of each way."""
 
     times: Array
     feet: Array
     bounds: Array
+    probability: float = 1.0
 
     @staticmethod
     def of(knowledge: TeamKnowledge, times: Array) -> PeopleAhead:
@@ -153,6 +91,18 @@ class PeopleAhead:
         bounds[:, :2, :2] = knowledge.covariance
         bounds[:, 2, 2] = bounds[:, 3, 3] = TRACKED_VELOCITY_SIGMA**2
         return PeopleAhead(times, knowledge.position + ahead[:, None, None] * knowledge.velocity, bounds)
+
+    @staticmethod
+    def sampled(knowledge: TeamKnowledge, times: Array) -> PeopleAhead:
+        """WAYS equally probable ways of each person along the roadmap. All nodes are goals.
+
+        Their weights are a von Mises density of the angle between the velocity and the beginning of the way. It is wide for slow people.
+        """
+        straight, roadmap = PeopleAhead.of(knowledge, times), knowledge.place.roadmap
+        people = np.ascontiguousarray(knowledge.position), np.ascontiguousarray(knowledge.velocity)
+        travelled = WAY_DURATION * (1.0 - np.exp(-times / WAY_DURATION))
+        feet = _sampled_ways(people, (roadmap.nodes, roadmap.next_node), travelled, (WAYS, WAY_BEGINNING, LEAST_WAY, WAY_CONCENTRATION))
+        return PeopleAhead(times, feet, np.repeat(straight.bounds, WAYS, axis=0), 1.0 / WAYS)
 
 
 def information_from(knowledge: TeamKnowledge, places: Array, forecast: PeopleAhead) -> Array:
@@ -169,6 +119,24 @@ def _above(place: PlacementMap, points: Array, height: float) -> Array:
     return np.concatenate([points, z.reshape(*points.shape[:-1], 1)], axis=-1)
 
 
+@dataclass(frozen=True, eq=False)
+class TeamPlan:
+    """A plan of r robots. Of each robot: goals (n,), nodes of the roadmap; tables (n, T, k, 2, 2) of `information_from` on its ways to them.
+
+    chosen: the index of the goal of each robot. values (n,): of its goals when it chose last, nats.
+    """
+
+    forecast: PeopleAhead
+    goals: list[NDArray[np.int64]]
+    tables: list[Array]
+    chosen: list[int]
+    values: list[Array]
+
+    def others(self, robot: int) -> list[Array]:
+        """The information (T, k, 2, 2) from the way of each other robot."""
+        return [table[c] for q, (table, c) in enumerate(zip(self.tables, self.chosen, strict=True)) if q != robot]
+
+
 class Greedy:
     """Each robot goes to the nearby goal from which the team expects the most information about people, discounted by the path.
 
@@ -176,31 +144,40 @@ class Greedy:
     """
 
     action = "waypoint"
-    times, frames = np.array([INTERVAL]), FRAMES_PER_DECISION
+    times, frames, hold = np.array([INTERVAL]), FRAMES_PER_DECISION, 1
 
     def begin(self, knowledge: TeamKnowledge, rng: np.random.Generator) -> None:
         self._goals = knowledge.place.roadmap.nearest(knowledge.robots[:, :2])
         self._unseen = UnseenMap(knowledge.place)
 
     def act(self, knowledge: TeamKnowledge) -> Array:
+        plan = self.plan(knowledge)
+        self._goals = np.array([row[c] for row, c in zip(plan.goals, plan.chosen, strict=True)])
+        return waypoint_action(knowledge.place, self._goals)
+
+    def plan(self, knowledge: TeamKnowledge) -> TeamPlan:
+        """The plan of the team. Each robot in turn takes its best goal, ROUNDS times."""
         place = knowledge.place
-        here = self._unseen.update(knowledge, knowledge.config.period / RECOVERY_TIME)
-        forecast = PeopleAhead.of(knowledge, self.times)
+        here = self._unseen.update(knowledge, self.hold * knowledge.config.period / RECOVERY_TIME)
+        forecast = self._forecast(knowledge)
         goals = [self._candidates(place, int(node), int(goal)) for node, goal in zip(here, self._goals, strict=True)]
         ways = [self._ways(place, *of) for of in zip(knowledge.robots, here, goals, strict=True)]
-        tables = [information_from(knowledge, way, forecast) for way in ways]
         visible = place.visible_from_nodes(knowledge.config.reach)
         ends = [visible[place.roadmap.nearest(way[:, -1])] for way in ways]
+        plan = TeamPlan(forecast, goals, [information_from(knowledge, way, forecast) for way in ways], [0] * len(here), [np.zeros(0)] * len(here))
         unknown = max(knowledge.config.people - len(knowledge.position), 0) * 2.0 * math.log(LOST_SIGMA / FOUND_SIGMA) / len(self._unseen.density)
-        chosen = [0] * len(here)
         for _ in range(ROUNDS):
             for k in range(len(here)):
                 others = [q for q in range(len(here)) if q != k]
-                value = team_values(forecast, self.frames, tables[k], [tables[q][chosen[q]] for q in others])
-                value += unknown * self._unknown_found(ends[k], [ends[q][chosen[q]] for q in others])
-                chosen[k] = self._best(place, value, goals[k], place.roadmap.distance[here[k]][goals[k]], [goals[q][chosen[q]] for q in others])
-        self._goals = np.array([row[c] for row, c in zip(goals, chosen, strict=True)])
-        return waypoint_action(place, self._goals)
+                value = team_values(forecast, self.frames, plan.tables[k], plan.others(k))
+                value += unknown * self._unknown_found(ends[k], [ends[q][plan.chosen[q]] for q in others])
+                gap = [goals[q][plan.chosen[q]] for q in others]
+                plan.values[k] = self._values(place, value, goals[k], place.roadmap.distance[here[k]][goals[k]], gap)
+                plan.chosen[k] = int(np.argmax(plan.values[k]))
+        return plan
+
+    def _forecast(self, knowledge: TeamKnowledge) -> PeopleAhead:
+        return PeopleAhead.of(knowledge, self.times)
 
     def _candidates(self, place: PlacementMap, node: int, goal: int) -> NDArray[np.int64]:
         """The goals (n,) that a robot at a node compares; the present one is first."""
@@ -219,19 +196,19 @@ class Greedy:
         views = sum((one.astype(np.int64) for one in others), np.zeros(visible.shape[1], dtype=np.int64))
         return np.asarray(visible @ (self._unseen.density * np.take(REPEATED_VIEW_GAIN, np.minimum(views, 2))))
 
-    def _best(self, place: PlacementMap, value: Array, goals: NDArray[np.int64], path: Array, others: list[int]) -> int:
-        """Index of the goal with the highest value. Another goal replaces the present goal only if it is better by SWITCHING_GAIN."""
+    def _values(self, place: PlacementMap, value: Array, goals: NDArray[np.int64], path: Array, others: list[int]) -> Array:
+        """Values (n,) of the goals, nats, relative to the present goal, which has SWITCHING_GAIN: others must be better by it."""
         gap = np.linalg.norm(place.roadmap.nodes[goals][:, None] - place.roadmap.nodes[np.array(others, dtype=np.int64)], axis=2)
         gain = self._discounted(value - value[0], path) - 1e3 * (gap.min(axis=1, initial=9.0) < CLOSE)
         gain[0] += SWITCHING_GAIN
-        return int(np.argmax(gain))
+        return np.asarray(gain)
 
     def _discounted(self, gain: Array, path: Array) -> Array:
         return np.asarray(gain * np.exp(-path / PATH_DISCOUNT))
 
 
 class Predictive(Greedy):
-    """Model predictive control: each robot compares paths over the next 7.5 s, during which people move."""
+    """Model predictive control: each robot compares paths over the next 7.5 s, while people take sampled ways."""
 
     times = np.arange(1.0, 6.0) * INTERVAL
     frames = round(INTERVAL * DECISION_RATE) * FRAMES_PER_DECISION
@@ -240,11 +217,98 @@ class Predictive(Greedy):
         found = super()._candidates(place, node, goal)
         return np.concatenate([found[:1], found[1:][:: max(1, math.ceil((len(found) - 1) / MOST_GOALS))]])
 
+    def _forecast(self, knowledge: TeamKnowledge) -> PeopleAhead:
+        return PeopleAhead.sampled(knowledge, self.times)
+
     def _ways(self, place: PlacementMap, robot: Array, node: int, goals: NDArray[np.int64]) -> Array:
         return np.asarray(_places_at(robot, node, goals, (place.roadmap.nodes, place.roadmap.next_node), (self.times, DRIVING_SPEED, TOP_YAW_RATE)))
 
     def _discounted(self, gain: Array, path: Array) -> Array:
         return gain
+
+
+class ChoicePlan(Predictive):
+    """Predictive control among the choices of the learned policy. Goals are the present one, then the choices."""
+
+    times, hold = np.array([2.5, 5.0, 7.5]), HOLD
+    frames = round(2.5 * DECISION_RATE) * FRAMES_PER_DECISION
+
+    def _forecast(self, knowledge: TeamKnowledge) -> PeopleAhead:
+        # Sampled ways would cost four times as much in training.
+        return PeopleAhead.of(knowledge, self.times)
+
+    def _candidates(self, place: PlacementMap, node: int, goal: int) -> NDArray[np.int64]:
+        return np.concatenate([[goal], choices_of(place)[0][node]])
+
+    def chosen(self, goals: NDArray[np.int64]) -> None:
+        """Set the goals (r,) that the robots are bound for."""
+        self._goals = goals
+
+
+class ChoiceFeatures:
+    """The features of the choices of a team during an episode."""
+
+    def __init__(self, knowledge: TeamKnowledge) -> None:
+        self._waypoints, self._planner = WaypointFeatures(knowledge), ChoicePlan()
+        self._planner.begin(knowledge, np.random.default_rng(0))
+
+    def update(self, knowledge: TeamKnowledge) -> tuple[Features, Features]:
+        """Features (r, CHOICES, FEATURES) of the new choices, and (r, k, CHOICES, PEOPLE_FEATURES) of k known people at them.
+
+        Choices have the features of WaypointFeatures, and the value of ChoicePlan less that of the best choice, over 6 nats.
+        People have, while the other robots are on the ways that ChoicePlan chooses for them:
+
+        * 0: 1, while padding rows are 0. 1 to 3, over 6 nats: mean information along the way to the choice; the robot's share of it; information now.
+        * 4: distance of the person from the choice over 12 m.
+
+        If there are more tracks than people, only the best known tracks are kept.
+        """
+        points, plan, place = self._waypoints.update(knowledge), self._planner.plan(knowledge), knowledge.place
+        people = np.zeros((len(points), len(knowledge.position), CHOICES, PEOPLE_FEATURES), dtype=np.float32)
+        value = np.stack(plan.values)[:, 1:]
+        value = np.maximum(value - value.max(axis=1, keepdims=True), -LARGEST_LOSS) / NATS_SCALE
+        steps = np.diff(plan.forecast.times, prepend=0.0), self._planner.frames
+        for k, table in enumerate(plan.tables):
+            fixed = sum(plan.others(k), np.zeros(table.shape[1:]))
+            where = plan.forecast.bounds, knowledge.position, place.roadmap.nodes[self._waypoints.goals[k]]
+            _fill(people[k], where, table[1:], fixed, steps)
+        choices = np.concatenate([points, value[..., None]], axis=2, dtype=np.float32)
+        if people.shape[1] > knowledge.config.people:
+            best = np.argsort(-people[0, :, 0, 3], kind="stable")[: knowledge.config.people]
+            people = people[:, best]
+        return choices, people
+
+    def chosen(self, choice: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The nodes (r,) of the choices (r,), which the robots are bound for from now on."""
+        goals = self._waypoints.goals[np.arange(len(choice)), choice]
+        self._planner.chosen(goals)
+        return goals
+
+
+@njit(cache=True)
+def _fill(out, where, table, fixed, pace):  # type: ignore[no-untyped-def]
+    """Fill the features (k, c, 5) of people at the choices of a robot, in `ChoiceFeatures.update`.
+
+    where: bounds (k, 4, 4), places (k, 2) m of people, and nodes (c, 2) m of the choices. table (c, T, k, 2, 2), fixed (T, k, 2, 2): information of
+    a frame from the way to each choice, and from all others. pace: s before each time (T,), and number of frames.
+    """
+    (bounds, feet, nodes), (steps, frames) = where, pace
+    P, times = np.empty((4, 4)), len(steps)
+    for k in range(len(bounds)):
+        alone = 0.0
+        for c in range(-1, out.shape[1]):
+            P[:] = bounds[k]
+            now, found = nats(P), 0.0
+            for t in range(times):
+                predict_person(P, steps[t])
+                update_person(P, frames * (fixed[t, k] + table[c, t, k] if c >= 0 else fixed[t, k]))
+                found += nats(P) / times
+            if c < 0:
+                alone = found
+                continue
+            out[k, c, 0], out[k, c, 1] = 1.0, found / NATS_SCALE
+            out[k, c, 2], out[k, c, 3] = (found - alone) / NATS_SCALE, now / NATS_SCALE
+            out[k, c, 4] = np.sqrt((nodes[c, 0] - feet[k, 0]) ** 2 + (nodes[c, 1] - feet[k, 1]) ** 2) / DISTANCE_SCALE
 
 
 def team_values(forecast: PeopleAhead, frames: int, own: Array, others: Sequence[Array]) -> Array:
@@ -254,7 +318,7 @@ def team_values(forecast: PeopleAhead, frames: int, own: Array, others: Sequence
     by each other one.
     """
     fixed = sum(others, np.zeros(own.shape[1:]))
-    return np.asarray(_team_values(forecast.bounds, np.diff(forecast.times, prepend=0.0), frames, own, fixed))
+    return np.asarray(forecast.probability * _team_values(forecast.bounds, np.diff(forecast.times, prepend=0.0), frames, own, fixed))
 
 
 @njit(cache=True)
@@ -291,24 +355,65 @@ def _information_from(top, frame, lines, settings):  # type: ignore[no-untyped-d
 
 @njit(cache=True)
 def _places_at(robot, node, goals, graph, pace):  # type: ignore[no-untyped-def]
-    """Places (n, T, 2) m of a robot (3,) near a node, on its ways to goals (n,), which it turns to first.
+    """Places (n, T, 2) m of a robot (3,) near a node, on its ways to goals (n,). It turns to a way first.
 
     graph: nodes and next_node of the roadmap. pace: times (T,) s, speed m/s, yaw rate rad/s.
     """
     (nodes, next_node), (times, speed, rate) = graph, pace
-    out = np.empty((len(goals), len(times), 2))
+    out, travelled = np.empty((len(goals), len(times), 2)), np.empty(len(times))
     for g in range(len(goals)):
-        x, y, driven, target = robot[0], robot[1], 0.0, next_node[node, goals[g]]
-        turn = (math.atan2(nodes[target, 1] - y, nodes[target, 0] - x) - robot[2] + math.pi) % (2 * math.pi) - math.pi
+        target = next_node[node, goals[g]]
+        turn = (math.atan2(nodes[target, 1] - robot[1], nodes[target, 0] - robot[0]) - robot[2] + math.pi) % (2 * math.pi) - math.pi
         for t in range(len(times)):
-            far = max(times[t] - abs(turn) / rate, 0.0) * speed - driven
-            while True:
-                dx, dy = nodes[target, 0] - x, nodes[target, 1] - y
-                step = math.sqrt(dx * dx + dy * dy)
-                if step > far or target == goals[g]:
-                    break
-                x, y, driven, far = nodes[target, 0], nodes[target, 1], driven + step, far - step
-                target = next_node[target, goals[g]]
-            share = min(far / max(step, 1e-9), 1.0)
-            out[g, t, 0], out[g, t, 1] = x + share * dx, y + share * dy
+            travelled[t] = max(times[t] - abs(turn) / rate, 0.0) * speed
+        _walk((robot[0], robot[1]), (node, goals[g]), graph, travelled, out[g])
     return out
+
+
+@njit(cache=True)
+def _sampled_ways(people, graph, travelled, settings):  # type: ignore[no-untyped-def]
+    """Feet (T, k · ways, 2) m of people on sampled ways, in `PeopleAhead.sampled`.
+
+    people: position (k, 2) m, velocity (k, 2) m/s. graph: nodes and next_node of the roadmap. travelled (T,) s: distance over speed.
+    settings: number of ways, length of their beginning m, least length m, concentration at 1 m/s.
+    """
+    (position, velocity), (nodes, next_node), (ways, beginning, least, concentration) = people, graph, settings
+    out, weight = np.zeros((len(travelled), len(position) * ways, 2)), np.zeros(len(nodes))
+    for k in range(len(position)):
+        x, y = position[k, 0], position[k, 1]
+        speed, start = math.sqrt(velocity[k, 0] ** 2 + velocity[k, 1] ** 2), nearest_node(nodes, x, y)[0]
+        for goal in range(len(nodes)):
+            node, dx, dy, length = start, nodes[start, 0] - x, nodes[start, 1] - y, 0.0
+            while node != goal and length < beginning:
+                node = next_node[node, goal]
+                dx, dy = nodes[node, 0] - x, nodes[node, 1] - y
+                length = math.sqrt(dx * dx + dy * dy)
+            length = math.sqrt(dx * dx + dy * dy) + 1e-9
+            cosine = (dx * velocity[k, 0] + dy * velocity[k, 1]) / (length * (speed + 1e-9))
+            weight[goal] = math.exp(concentration * min(speed, 1.0) * (cosine - 1.0)) if length > least else 0.0
+        # Systematic sampling over nodes, which are numbered by columns, spreads the ways.
+        total, passed, way = weight.sum(), 0.0, 0
+        for goal in range(len(nodes)):
+            passed += weight[goal] / total if total > 0 else 1.0 / len(nodes)
+            while way < ways and passed > (way + 0.5) / ways - 1e-12:
+                _walk((x, y), (start, goal), graph, speed * travelled, out[:, k * ways + way])
+                way += 1
+    return out
+
+
+@njit(cache=True)
+def _walk(where, ends, graph, travelled, out):  # type: ignore[no-untyped-def]
+    """Places out (T, 2) m on the way from a point (x, y) m near a node to a goal, after distances travelled (T,) m. ends: node and goal."""
+    (x, y), (node, goal), (nodes, next_node), driven = where, ends, graph, 0.0
+    target = next_node[node, goal]
+    for t in range(len(travelled)):
+        far = travelled[t] - driven
+        while True:
+            dx, dy = nodes[target, 0] - x, nodes[target, 1] - y
+            step = math.sqrt(dx * dx + dy * dy)
+            if step > far or target == goal:
+                break
+            x, y, driven, far = nodes[target, 0], nodes[target, 1], driven + step, far - step
+            target = next_node[target, goal]
+        share = min(far / max(step, 1e-9), 1.0)
+        out[t, 0], out[t, 1] = x + share * dx, y + share * dy

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import time
 import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,19 +15,20 @@ from typing import Any
 import numpy as np
 
 from sim.policies.learned import KIND, needed
-from sim.policies.planning import PEOPLE_FEATURES
-from sim.policies.waypoints import CHOICES, FEATURES, HOLD
+from sim.policies.planning import FEATURES, PEOPLE_FEATURES
+from sim.policies.waypoints import CHOICES, HOLD
 from tracker.io.atomic import finish_folder, is_free, new_file, partial_path, unfinished_path, write_text
 from tracker.io.csv_tables import read_table
 from tracker.io.file_lock import folder_lock
 from tracker.io.json_files import read_json
+from tracker.io.progress import progress_bar
 from tracker.io.resume import check_same
 
-TEAMS, ROLLOUT_LENGTH = 16, 20
+TEAMS, ROLLOUT_LENGTH = 24, 60
 """Number of teams that are simulated in parallel, and choices of each per update of the policy."""
-BASELINES: tuple[str, ...] = ("random", "static", "greedy")
+BASELINES: tuple[str, ...] = ("static", "greedy", "predictive")
 """Policies whose rewards are drawn beside the learning curve."""
-LEARNING_RATE = 1e-3
+LEARNING_RATE = 3e-4
 """Initial learning rate, which decreases linearly to 0."""
 MODEL, RUN, CURVE, EXPORTED = "ppo.zip", "order.json", "curve.csv", "policy.onnx"
 OPSET = 17
@@ -57,10 +60,10 @@ class Curve:
         return Curve(steps, list(zip(*(table[name].tolist() for name in CURVE_COLUMNS), strict=True)))
 
 
-def train(options: dict[str, Any], steps: int, folder: Path, seed: int = 0, worlds: tuple[str, ...] = ()) -> Path:
+def train(options: dict[str, Any], steps: int, folder: Path, seed: int = 0, varied: Mapping[str, Sequence[Any]] | None = None) -> Path:
     """Train for `steps` decisions. Writes policy.onnx, ppo.zip, curve.csv (the rows of Curve) and curve.png into a new or empty folder.
 
-    worlds: of the teams, in turn; empty for the world of the options. The same seed gives the same policy.
+    varied: options that differ between teams, with their values. The same seed gives the same policy.
     Unfinished training is kept in a hidden folder in `folder`. After an interruption the same call resumes from the last saved model,
     with the episodes that follow.
     Returns the path of policy.onnx.
@@ -70,22 +73,23 @@ def train(options: dict[str, Any], steps: int, folder: Path, seed: int = 0, worl
     if not is_free(folder):
         raise ValueError(f"{folder}: exists already, needs a new folder")
     with folder_lock(folder):
-        _train(options, steps, folder, seed, worlds)
+        _train(options, steps, folder, seed, dict(varied or {}))
     return folder / EXPORTED
 
 
-def _train(options: dict[str, Any], steps: int, folder: Path, seed: int, worlds: tuple[str, ...]) -> None:
+def _train(options: dict[str, Any], steps: int, folder: Path, seed: int, varied: dict[str, Sequence[Any]]) -> None:
     import torch
 
-    from sim.policies.vector_env import TeamVecEnv
+    from sim.policies.vector_env import TeamVecEnv, options_of_teams
 
     # Versions up to 0.3.0 kept unfinished training beside the folder.
     part, run = partial_path(folder) if partial_path(folder).is_dir() else unfinished_path(folder), {"options": options, "steps": steps, "seed": seed}
-    run |= {"worlds": list(worlds)} if worlds else {}
+    run |= {"teams": TEAMS, "version": KIND["version"], "varied": {name: list(values) for name, values in varied.items()}}
     if (part / RUN).exists():
         check_same(part, read_json(part / RUN), run, "another training, which was interrupted")
     torch.set_num_threads(1)
-    envs = TeamVecEnv(options, TEAMS, worlds)
+    teams = options_of_teams(options, varied, TEAMS)
+    envs = TeamVecEnv(teams)
     model, curve = _new_or_resumed(envs, part, steps, seed)
     part.mkdir(parents=True, exist_ok=True)
     write_text(part / RUN, json.dumps(run))
@@ -93,7 +97,7 @@ def _train(options: dict[str, Any], steps: int, folder: Path, seed: int, worlds:
     envs.close()
     _save(model, curve, part)
     export(model, part / EXPORTED)
-    draw(curve, _baseline_rewards(options, worlds), part / "curve.png")
+    draw(curve, _baseline_rewards(teams), part / "curve.png")
     finish_folder(folder, part)
 
 
@@ -107,11 +111,11 @@ def _new_or_resumed(envs: Any, folder: Path, steps: int, seed: int) -> tuple[Any
         # Loading seeds the random numbers anew, and the teams begin at their first episodes.
         model.set_random_seed(seed + model.num_timesteps)
         for team in envs.teams:
-            team.skip(model.num_timesteps // envs.num_envs * HOLD // LENGTH)
+            team.played = model.num_timesteps // envs.num_envs * HOLD // LENGTH
         return model, Curve.read(folder / CURVE, steps)
-    rates: dict[str, Any] = {"learning_rate": _learning_rate, "gamma": 0.9, "gae_lambda": 0.9, "ent_coef": 0.003, "n_epochs": 6}
+    rates: dict[str, Any] = {"learning_rate": _learning_rate, "gamma": 0.95, "gae_lambda": 0.9, "ent_coef": 0.0, "n_epochs": 4, "target_kl": 0.02}
     shape = {"choices": CHOICES, "parts": FEATURES, "people": PEOPLE_FEATURES}
-    batch = ROLLOUT_LENGTH * envs.num_envs // 4
+    batch = ROLLOUT_LENGTH * envs.num_envs // 8
     model = ppo(ChoicePolicy, envs, n_steps=ROLLOUT_LENGTH, batch_size=batch, policy_kwargs=shape, seed=seed, device="cpu", **rates)
     return model, Curve(steps)
 
@@ -157,15 +161,13 @@ def _learn(model: Any, envs: Any, curve: Curve, folder: Path, pause: float = 20.
     """Learn, with a progress bar. Adds a row to the curve whenever as many episodes as teams have ended, and saves every `pause` s."""
     from stable_baselines3.common.callbacks import BaseCallback
 
-    from tracker.io.progress import progress_bar
-
     class Progress(BaseCallback):
         def _on_training_start(self) -> None:
             self.bar = progress_bar(total=curve.steps, unit=" decisions")
             self.saved = time.monotonic()
 
         def _on_step(self) -> bool:
-            decisions = self.num_timesteps * HOLD // envs.robots
+            decisions = self.num_timesteps // envs.num_envs * HOLD * len(envs.teams)
             self.bar.update(min(decisions, curve.steps) - self.bar.n)
             if len(envs.finished) >= len(envs.teams):
                 curve.add(decisions, envs.finished)
@@ -179,22 +181,21 @@ def _learn(model: Any, envs: Any, curve: Curve, folder: Path, pause: float = 20.
         def _on_training_end(self) -> None:
             self.bar.close()
 
-    remaining = curve.steps * envs.robots // HOLD - model.num_timesteps
+    remaining = math.ceil(curve.steps / (HOLD * len(envs.teams))) * envs.num_envs - model.num_timesteps
     if remaining > 0:
         model.learn(remaining, callback=Progress(), reset_num_timesteps=model.num_timesteps == 0)
 
 
-def _baseline_rewards(options: dict[str, Any], worlds: tuple[str, ...]) -> dict[str, float]:
-    """The mean reward per decision of the baseline policies on the training maps."""
+def _baseline_rewards(teams: Sequence[dict[str, Any]]) -> dict[str, float]:
+    """The mean reward per decision of the baseline policies in the first episode of each team."""
     from sim.policies.rollouts import run_episodes
-    from sim.policies.vector_env import LENGTH, MAPS, TRAINING_SEED
+    from sim.policies.vector_env import LENGTH, training_seed
 
-    count = max(1, MAPS // max(1, len(worlds)))
-    seeds, places = [TRAINING_SEED + 10 * number for number in range(count)], [{"world": world} for world in worlds] or [{}]
-    return {
-        name: float(np.mean([o.values["reward"] for place in places for o in run_episodes(name, seeds, options | place, LENGTH)]))
-        for name in BASELINES
-    }
+    rows = []
+    # Teams are in the outer loop: all policies play on a map while it exists.
+    for k, one in enumerate(progress_bar(teams, unit=" teams")):
+        rows.append([run_episodes(name, [training_seed(k, 0, len(teams))], one, LENGTH)[0].values["reward"] for name in BASELINES])
+    return dict(zip(BASELINES, np.mean(rows, axis=0).tolist(), strict=True))
 
 
 def draw(curve: Curve, others: dict[str, float], file: Path) -> None:

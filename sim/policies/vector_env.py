@@ -21,39 +21,33 @@ from torch import nn
 from sim.placement.config import SEEDS_PER_MAP
 from sim.placement.env import Placement
 from sim.placement.episode import Episode, Reward, reward_of
-from sim.policies.planning import PEOPLE_FEATURES, ChoiceFeatures
+from sim.policies.planning import FEATURES, PEOPLE_FEATURES, ChoiceFeatures
 from sim.policies.policy import TeamKnowledge, waypoint_action
-from sim.policies.waypoints import CHOICES, FEATURES, HOLD
+from sim.policies.waypoints import CHOICES, HOLD, POINT_FEATURES
 from tracker.geometry import Array
 
 TRAINING_SEED = 100_000
 """The first seed of training episodes, far from the seeds of evaluation."""
-MAPS = 16
-"""Number of training maps: as many as are cached."""
 LENGTH = 240
 """Decisions per episode."""
-STRIDE = 7
-"""Difference between the numbers of two consecutive episodes of a team. It has no factor in common with the number of seeds, so that all come."""
 WIDTH, PERSON_WIDTH = 48, 16
 """Units of a hidden layer, and of a hidden layer of the network that encodes a person."""
 PEOPLE_SCALE = 10.0
 """Divisor of sums over people: for this number of people, the sum becomes the mean."""
+PRIOR = 9.0
+"""Initial weight of the value of a choice: a choice that is better by 2 nats is then preferred by a factor of e³."""
 
 
 class Team:
     """The robots of one placement environment, through episodes on one map after another."""
 
-    def __init__(self, options: dict[str, Any], number: int, worlds: int = 1) -> None:
-        """worlds: number of worlds in training, of which this team has one."""
-        self.worlds = worlds
+    def __init__(self, options: dict[str, Any], number: int, teams: int) -> None:
+        """number: of this team. teams: the number of teams in training."""
         self.env = gymnasium.make("pilsim/Placement-v0", **options, action="waypoint", max_episode_steps=LENGTH)
         placement = self.env.unwrapped
         assert isinstance(placement, Placement)
-        self.placement, self.number, self.rewards = placement, number, [0.0]
-
-    def skip(self, episodes: int) -> None:
-        """Skip the next episodes, which were run before an interruption."""
-        self.number += STRIDE * episodes
+        self.placement, self.number, self.teams, self.rewards = placement, number, teams, [0.0]
+        self.played = 0
 
     @property
     def episode(self) -> Episode:
@@ -62,8 +56,8 @@ class Team:
 
     def reset(self) -> NDArray[np.float32]:
         """Begin the next episode. Returns the features of each robot's choices, (r, n)."""
-        observation, _ = self.env.reset(seed=training_seed(self.number, self.worlds))
-        self.number, self.rewards = self.number + STRIDE, []
+        observation, _ = self.env.reset(seed=training_seed(self.number, self.played, self.teams))
+        self.played, self.rewards = self.played + 1, []
         self.features = ChoiceFeatures(TeamKnowledge.of(self.episode, observation))
         return self._choice_features(observation)
 
@@ -94,10 +88,9 @@ class Team:
         return out
 
 
-def training_seed(number: int, worlds: int) -> int:
-    """The seed of an episode. Ten consecutive seeds share a map: each team starts on its own map and moves on to others."""
-    maps = max(1, MAPS // worlds)
-    return TRAINING_SEED + SEEDS_PER_MAP * (number % maps) + (number // maps) % SEEDS_PER_MAP
+def training_seed(team: int, episode: int, teams: int) -> int:
+    """The seed of an episode of a team. A team plays SEEDS_PER_MAP episodes on a map, and goes on to another; no two teams share maps."""
+    return TRAINING_SEED + SEEDS_PER_MAP * (team + teams * (episode // SEEDS_PER_MAP)) + episode % SEEDS_PER_MAP
 
 
 def row_length(people: int) -> int:
@@ -105,10 +98,24 @@ def row_length(people: int) -> int:
     return CHOICES * (FEATURES + people * PEOPLE_FEATURES)
 
 
+def options_of_teams(options: dict[str, Any], varied: Mapping[str, Sequence[Any]], teams: int) -> list[dict[str, Any]]:
+    """The options of each team. The values of a varied option have about as many teams each, and are paired with those of others at random.
+
+    Raises ValueError for an option without values, or with more values than teams.
+    """
+    for name, values in varied.items():
+        if not 1 <= len(values) <= teams:
+            raise ValueError(f"{name} has {len(values)} values that differ between teams, needs 1 to {teams}")
+    rng = np.random.default_rng(TRAINING_SEED)
+    columns = {name: [varied[name][k % len(varied[name])] for k in rng.permutation(teams)] for name in sorted(varied)}
+    return [options | {name: column[k] for name, column in columns.items()} for k in range(teams)]
+
+
 def difference_rewards(episode: Episode, reward: Reward, terms: Mapping[str, float]) -> Array:
     """Difference reward (r,) of each robot in the last decision (Wolpert and Tumer 2001, Optimal payoff functions for members of collectives).
 
-    It is the team's reward minus the reward without that robot's views, its stop, and its share of near misses and energy.
+    It is the team's reward minus the reward without that robot's views, its stop, and its share of near misses and energy. Information is that
+    without any view of the robot since the start. Without the last views alone, robots gained by losing people and finding them again.
     """
     seen, people = episode.now.seen > 0, max(episode.config.people, 1)
     views, robots = seen.sum(axis=0), len(seen)
@@ -131,35 +138,39 @@ def difference_rewards(episode: Episode, reward: Reward, terms: Mapping[str, flo
 class TeamVecEnv(VecEnv):
     """All robots of several teams. `finished` holds the mean reward per decision of each episode that ended."""
 
-    def __init__(self, options: dict[str, Any], teams: int, worlds: Sequence[str] = ()) -> None:
-        """worlds: assigned to the teams in turn; empty for the world of the options."""
-        own = [{"world": worlds[number % len(worlds)]} if worlds else {} for number in range(teams)]
-        self.teams = [Team(options | one, number // max(1, len(worlds)), max(1, len(worlds))) for number, one in enumerate(own)]
-        config = self.teams[0].placement.config
-        self.robots = config.robots
+    def __init__(self, options: Sequence[dict[str, Any]]) -> None:
+        """options: of each team."""
+        self.teams = [Team(one, number, len(options)) for number, one in enumerate(options)]
+        sizes = [team.placement.config.robots for team in self.teams]
+        self.ends = np.cumsum(sizes)[:-1]
+        self.length = row_length(max(team.placement.config.people for team in self.teams))
         self.finished: list[float] = []
-        box = spaces.Box(-np.inf, np.inf, (row_length(config.people),), np.float32)
-        super().__init__(teams * self.robots, box, spaces.Discrete(CHOICES))
+        super().__init__(sum(sizes), spaces.Box(-np.inf, np.inf, (self.length,), np.float32), spaces.Discrete(CHOICES))
 
     def reset(self) -> Array:
-        return np.concatenate([team.reset() for team in self.teams])
+        return np.concatenate([self._padded(team.reset()) for team in self.teams])
 
     def step_async(self, actions: Array) -> None:
-        self._actions = np.asarray(actions, dtype=np.int64).reshape(len(self.teams), self.robots)
+        self._actions = np.split(np.asarray(actions, dtype=np.int64), self.ends)
 
     def step_wait(self) -> Any:
         features, values, done, infos = [], [], [], []
         for team, action in zip(self.teams, self._actions, strict=True):
             rows, contribution, terminated, truncated = team.step(action)
             ended = terminated or truncated
-            infos += [{"TimeLimit.truncated": truncated and not terminated, **({"terminal_observation": row} if ended else {})} for row in rows]
+            more = [{"terminal_observation": row} if ended else {} for row in self._padded(rows)]
+            infos += [{"TimeLimit.truncated": truncated and not terminated, **one} for one in more]
             if ended:
                 self.finished.append(float(np.mean(team.rewards)))
                 rows = team.reset()
-            features.append(rows)
+            features.append(self._padded(rows))
             values.append(contribution)
-            done += [ended] * self.robots
+            done += [ended] * len(action)
         return np.concatenate(features), np.concatenate(values).astype(np.float32), np.array(done), infos
+
+    def _padded(self, rows: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Rows (r, length): teams with fewer people have rows of zeros for the others."""
+        return np.pad(rows, ((0, 0), (0, self.length - rows.shape[1])))
 
     def close(self) -> None:
         for team in self.teams:
@@ -186,13 +197,18 @@ class TeamVecEnv(VecEnv):
 class ChoiceNetwork(nn.Module):
     """Maps observations (n, row_length) to logits (n, choices) of the actor and to features (n, WIDTH) of the critic.
 
-    people: number of features of a person; 0 for the networks of versions up to 0.4.0, which have features of choices alone.
+    people: number of features of a person; 0 for the networks of versions up to 0.4.0, which have features of points alone, and no prior.
+    The prior adds a multiple of the value of each choice, so that an untrained network takes the choice that ChoicePlan values most.
     """
 
     def __init__(self, choices: int, parts: int, people: int) -> None:
         super().__init__()
         self.shape, self.people = (choices, parts), people
         self.latent_dim_pi, self.latent_dim_vf = choices, WIDTH
+        self.prior = nn.Linear(parts, 1, bias=False) if parts > POINT_FEATURES else None
+        if self.prior is not None:
+            nn.init.zeros_(self.prior.weight)
+            self.prior.weight.data[0, -1] = PRIOR
         if people:
             self.person = nn.Sequential(nn.Linear(people, PERSON_WIDTH), nn.Tanh(), nn.Linear(PERSON_WIDTH, PERSON_WIDTH), nn.Tanh())
             parts += 2 * PERSON_WIDTH
@@ -224,7 +240,8 @@ class ChoiceNetwork(nn.Module):
     def score(self, rows: torch.Tensor) -> torch.Tensor:
         """Logits (n, c) of rows (n, c, parts)."""
         beside = torch.cat([rows[:, :1], rows.amax(dim=1, keepdim=True)], dim=2).expand(-1, self.shape[0], -1)
-        return self.each(torch.cat([rows, beside], dim=2)).squeeze(2)
+        logits = self.each(torch.cat([rows, beside], dim=2))
+        return (logits if self.prior is None else logits + self.prior(rows[..., : self.shape[1]])).squeeze(2)
 
     def _rows(self, features: torch.Tensor) -> torch.Tensor:
         own = self.shape[0] * self.shape[1]

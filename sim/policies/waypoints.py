@@ -5,12 +5,10 @@ The features have the same shape for any number of robots and people.
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.placement.map import CACHED_MAPS, PlacementMap
+from sim.placement.map import PlacementMap, kept_with_map
 from sim.placement.roadmap import nearest
 from sim.policies.policy import TeamKnowledge
 from tracker.geometry import Array
@@ -18,8 +16,8 @@ from tracker.geometry import Array
 RECOVERY_TIME = 12.0
 """Time constant with which the expected number of unseen people recovers after an observation, s."""
 
-HOLD = 6
-"""Decisions for which a choice holds: 3 s."""
+HOLD = 2
+"""Decisions for which a choice holds: 1 s."""
 
 DISTANCES, DIRECTIONS = (2.5, 5.0), 8
 """Distances of the waypoints from the robot (m), and number of directions."""
@@ -27,8 +25,8 @@ DISTANCES, DIRECTIONS = (2.5, 5.0), 8
 CHOICES = 1 + len(DISTANCES) * DIRECTIONS
 """Number of choices: to stay, or one of the waypoints."""
 
-FEATURES = 9
-"""Number of features of a choice."""
+POINT_FEATURES = 9
+"""Number of features of a choice that WaypointFeatures gives."""
 
 LOOKAHEAD = 0.75
 """Time ahead for which the positions of people are predicted, s."""
@@ -58,7 +56,7 @@ class UnseenMap:
         return here
 
 
-@lru_cache(maxsize=CACHED_MAPS)
+@kept_with_map
 def choices_of(place: PlacementMap) -> tuple[NDArray[np.int64], Array]:
     """The choices at each of the n nodes of a map's roadmap, cached: nodes (n, CHOICES), the first its own, and path lengths to them, m."""
     here = place.roadmap.nodes
@@ -77,7 +75,7 @@ class WaypointFeatures:
         self.goals = np.zeros((0, CHOICES), dtype=np.int64)
 
     def update(self, knowledge: TeamKnowledge) -> NDArray[np.float32]:
-        """Features (r, CHOICES, FEATURES) of each robot and each of its new `goals`, mostly in [−1, 1].
+        """Features (r, CHOICES, POINT_FEATURES) of each robot and each of its new `goals`, mostly in [−1, 1].
 
         * 0 to 2: share of people who are known and visible from the goal, and whom no, one, or several other robots see.
         * 3 to 5: expected share of unknown people, divided in the same way.
@@ -91,7 +89,7 @@ class WaypointFeatures:
         unknown = max(config.people - len(knowledge.position), 0) / count
         where = nearest(knowledge.position + LOOKAHEAD * knowledge.velocity, place.walkable_points[:, :2])
         weight = np.bincount(where, minlength=len(self._unseen.density)) / count
-        out = np.zeros((*self.goals.shape, FEATURES), dtype=np.float32)
+        out = np.zeros((*self.goals.shape, POINT_FEATURES), dtype=np.float32)
         views = visible[here].sum(axis=0)
         for k, goals in enumerate(self.goals):
             others = np.minimum(views - visible[here[k]], 2)

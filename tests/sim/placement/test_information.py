@@ -67,12 +67,20 @@ def test_bounds_are_those_of_the_information_filter_and_never_exceed_the_unknown
     assert nats(unknown_people(1)[0]) == pytest.approx(0.0)
 
 
+def informed(people: int, *seen: Views) -> tuple[float, np.ndarray]:
+    """Information and contributions after the last of some decisions with views `seen`."""
+    bounds, found = unknown_people(people), (0.0, np.zeros(0))
+    without = np.tile(bounds, (len(seen[0].cameras), 1, 1, 1))
+    for k, one in enumerate(seen):
+        found = add_information(bounds, without, one, (0.5 * (k > 0), 3.0))
+    return found
+
+
 def test_a_second_view_from_the_side_adds_information_and_misses_take_it():
-    bounds = [unknown_people(1) for _ in range(4)]
-    one, added = add_information(bounds[0], views([[-6.0, 0.0, 1.5]], [[1.0]]), (0.0, 3.0))
-    beside, _ = add_information(bounds[1], views([[-6.0, 0.0, 1.5], [-6.0, 0.5, 1.5]], [[1.0], [1.0]]), (0.0, 3.0))
-    across, both = add_information(bounds[2], views([[-6.0, 0.0, 1.5], [0.0, -6.0, 1.5]], [[1.0], [1.0]]), (0.0, 3.0))
-    missed, _ = add_information(bounds[3], views([[-6.0, 0.0, 1.5]], [[1.0]], detector_of(IndependentErrors(0.5), 1 / 6)), (0.0, 3.0))
+    one, added = informed(1, views([[-6.0, 0.0, 1.5]], [[1.0]]))
+    beside, _ = informed(1, views([[-6.0, 0.0, 1.5], [-6.0, 0.5, 1.5]], [[1.0], [1.0]]))
+    across, both = informed(1, views([[-6.0, 0.0, 1.5], [0.0, -6.0, 1.5]], [[1.0], [1.0]]))
+    missed, _ = informed(1, views([[-6.0, 0.0, 1.5]], [[1.0]], detector_of(IndependentErrors(0.5), 1 / 6)))
     assert across > beside > one > missed
     # Half of the boxes: each variance is twice as large, and so is the area.
     assert 0.1 < one - missed < np.log(2.0)
@@ -81,12 +89,22 @@ def test_a_second_view_from_the_side_adds_information_and_misses_take_it():
 
 
 def test_nobody_seen_is_no_information_and_unseen_people_are_forgotten():
-    bounds = unknown_people(2)
-    assert add_information(bounds, views([[-3.0, 0.0, 1.5]], [[0.0, 0.0]], people=2), (0.0, 3.0))[0] == pytest.approx(0.0)
-    first = add_information(bounds, views([[-3.0, 0.0, 1.5]], [[1.0, 0.0]], people=2), (0.5, 3.0))[0]
-    later = [add_information(bounds, views([[-3.0, 0.0, 1.5]], [[0.0, 0.0]], people=2), (0.5, 3.0))[0] for _ in range(20)]
-    assert first > later[0] > later[2] > later[-1]
+    nobody, first = (views([[-3.0, 0.0, 1.5]], [[share, 0.0]], people=2) for share in (0.0, 1.0))
+    assert informed(2, nobody)[0] == pytest.approx(0.0)
+    later = [informed(2, nobody, first, *[nobody] * count)[0] for count in range(21)]
+    assert later[0] > later[1] > later[3] > later[-1]
     assert later[-1] < 0.1
+
+
+def test_a_contribution_is_what_the_team_would_lose_without_the_robot_since_the_start():
+    cameras, rng = [[-4.0, 0.0, 1.5], [0.0, -5.0, 1.5], [5.0, 5.0, 1.5]], np.random.default_rng(0)
+    shares = rng.uniform(0, 1, (12, 3, 2)) * (rng.random((12, 3, 2)) < 0.5)
+    for count in (1, 12):
+        whole, added = informed(2, *(views(cameras, share, people=2) for share in shares[:count]))
+        for k in range(3):
+            others = np.delete(np.arange(3), k)
+            left = informed(2, *(views([cameras[q] for q in others], share[others], people=2) for share in shares[:count]))[0]
+            assert added[k] == pytest.approx(whole - left)
 
 
 def test_driving_loses_the_pose_and_landmarks_find_it():

@@ -6,20 +6,36 @@ import base64
 import json
 import re
 import sys
+import weakref
 from dataclasses import replace
 from xml.etree import ElementTree
 
 import cv2
+import gymnasium
 import numpy as np
 import pytest
 
 from sim.cli.options import SceneOptions
-from sim.cli.place import Place
+from sim.cli.place import Place, _varied
 from sim.placement.config import PlacementConfig
-from sim.placement.map import MapKey, map_of
-from sim.policies.planning import PeopleAhead, _places_at, information_from, team_values
+from sim.placement.information import LOST_SIGMA
+from sim.placement.map import MapKey, kept_with_map, map_of
+from sim.policies.learned import KIND, shipped_policy
+from sim.policies.planning import (
+    FEATURES,
+    FOUND_SIGMA,
+    NATS_SCALE,
+    PEOPLE_FEATURES,
+    WAYS,
+    ChoiceFeatures,
+    PeopleAhead,
+    _places_at,
+    information_from,
+    team_values,
+)
 from sim.policies.policy import TeamKnowledge, best_ring
 from sim.policies.rollouts import EpisodeResult, compare, differences, draw, policy_of, run_episodes, table, text
+from sim.policies.waypoints import CHOICES, POINT_FEATURES, choices_of
 
 OPTIONS = {"world": "pilsun", "people": 6, "robots": 3}
 
@@ -72,7 +88,7 @@ def test_unknown_policies_are_refused(monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["greedy", "predictive", "learned"])
-def test_the_order_of_people_and_robots_changes_nothing(name):
+def test_the_order_of_people_changes_nothing(name):
     place, rng = map_of(MapKey("pilsun", 0.5, 0, 6)), np.random.default_rng(3)
     robots = np.column_stack([rng.choice(place.roadmap.nodes, 3, replace=False), np.zeros(3)])
     position, velocity = rng.choice(place.walkable_points[:, :2], 5, replace=False), rng.normal(0, 0.5, (5, 2))
@@ -85,12 +101,6 @@ def test_the_order_of_people_and_robots_changes_nothing(name):
         policy.begin(knowledge, np.random.default_rng(0))
         actions.append(policy.act(knowledge))
     np.testing.assert_array_equal(*actions)
-    if name == "learned":
-        # All robots share one network, and each chooses for itself.
-        turned = replace(known, robots=robots[::-1])
-        policy = policy_of(name)
-        policy.begin(turned, np.random.default_rng(0))
-        np.testing.assert_array_equal(policy.act(turned), actions[0][::-1])
 
 
 def test_information_of_a_plan_grows_with_views():
@@ -117,6 +127,110 @@ def test_planned_robots_turn_then_drive_along_the_roadmap_and_stop_at_the_goal()
     # A robot that faces away turns half around first.
     ways = _places_at(np.array([0.0, 0.0, np.pi]), 0, np.array([2]), (nodes, next_node), (np.array([np.pi / 0.8, np.pi / 0.8 + 1.0]), 0.8, 0.8))
     np.testing.assert_allclose(ways[0], [[0.0, 0.0], [0.8, 0.0]], atol=1e-9)
+
+
+def test_sampled_ways_lead_where_people_walk_and_around_what_is_in_the_way():
+    place, times = map_of(MapKey("ruins", 0.5, 0, 6)), np.array([1.5, 3.0, 7.5])
+    rng, count = np.random.default_rng(0), 40
+    position, angle = rng.choice(place.roadmap.nodes, count, replace=False), rng.uniform(-np.pi, np.pi, count)
+    velocity = np.column_stack([np.cos(angle), np.sin(angle)])
+    velocity[:10] = 0.0
+    known = TeamKnowledge(place, PlacementConfig(**OPTIONS), np.zeros((1, 3)), position, velocity, np.tile(np.eye(2), (count, 1, 1)), {})
+    ahead = PeopleAhead.sampled(known, times)
+    assert ahead.feet.shape == (3, count * WAYS, 2)
+    assert ahead.bounds.shape == (count * WAYS, 4, 4)
+    assert ahead.probability * WAYS == 1.0
+    gone = ahead.feet.reshape(3, count, WAYS, 2) - position[:, None]
+    np.testing.assert_allclose(gone[:, :10], 0.0, atol=1e-6)
+    assert (np.linalg.norm(gone, axis=3) <= times[:, None, None]).all()
+    # Most lead where people walk, on free ground, and the ways of a person differ.
+    assert (np.einsum("tkwc,kc->tkw", gone, velocity)[-1, 10:].mean(axis=1) > 1.0).mean() > 0.8
+    assert np.ptp(gone[-1, 10:], axis=1).max(axis=1).mean() > 1.5
+    assert place.free_space.free_at(ahead.feet[-1]).mean() > 0.8
+
+
+def test_options_of_teams_have_each_value_equally_often():
+    pytest.importorskip("stable_baselines3", reason="needs stable-baselines3 (make rl)")
+    from sim.policies.vector_env import options_of_teams
+
+    found = options_of_teams({"people": 9}, _varied(("world=hall,hills", "robots=2,3,4")), 12)
+    for name, values in (("world", ("hall", "hills")), ("robots", (2, 3, 4))):
+        assert [sum(one[name] == value for one in found) for value in values] == [12 // len(values)] * len(values)
+    assert all(one["people"] == 9 for one in found)
+    for said, needed in (("robots=two", "int values"), ("robots", "int values"), ("map_seed=3", "NAME=VALUE"), ("action=velocity", "NAME=VALUE")):
+        with pytest.raises(ValueError, match=f"--train-over is {said}, needs {needed}"):
+            _varied((said,))
+
+
+@pytest.mark.parametrize(("robots", "known"), [(1, 3), (3, 3), (3, 0), (2, 9)])
+def test_values_of_choices_are_those_of_predictive_control_among_them(robots, known):
+    place, rng = map_of(MapKey("pilsun", 0.5, 0, 6)), np.random.default_rng(robots)
+    poses = np.column_stack([rng.choice(place.roadmap.nodes, robots, replace=False), np.zeros(robots)])
+    position, velocity = rng.choice(place.walkable_points[:, :2], known, replace=False), rng.normal(0, 0.5, (known, 2))
+    config = PlacementConfig(**OPTIONS | {"robots": robots})
+    features = ChoiceFeatures(knowledge := TeamKnowledge(place, config, poses, position, velocity, np.tile(0.1 * np.eye(2), (known, 1, 1)), {}))
+    choices, people = features.update(knowledge)
+    assert choices.shape == (robots, CHOICES, FEATURES)
+    # No more people than the environment has.
+    assert people.shape == (robots, min(known, 6), CHOICES, PEOPLE_FEATURES)
+    value = choices[..., -1]
+    np.testing.assert_array_equal(value.max(axis=1), 0.0)
+    assert value.min() >= -5.0
+    if known == 3 and robots == 1:
+        # What a robot adds about all people, with what it may find, is the value.
+        found = people[0, ..., 2].sum(axis=0)
+        unknown = 3 * 2 * np.log(LOST_SIGMA / FOUND_SIGMA) / NATS_SCALE
+        assert np.abs((found - found.max()) - value[0]).max() < unknown
+    chosen = features.chosen(np.full(robots, 3))
+    np.testing.assert_array_equal(chosen, choices_of(place)[0][place.roadmap.nearest(poses[:, :2]), 3])
+
+
+def test_an_untrained_network_takes_the_choice_with_the_highest_value():
+    torch = pytest.importorskip("torch", reason="needs stable-baselines3 (make rl)")
+    pytest.importorskip("stable_baselines3", reason="needs stable-baselines3 (make rl)")
+    from sim.policies.vector_env import ChoiceNetwork, row_length
+
+    torch.manual_seed(0)
+    network, rng = ChoiceNetwork(CHOICES, FEATURES, PEOPLE_FEATURES), np.random.default_rng(0)
+    rows = rng.uniform(-1, 1, (50, row_length(4))).astype(np.float32)
+    scores, _ = network(torch.as_tensor(rows))
+    best = rows[:, : CHOICES * FEATURES].reshape(50, CHOICES, FEATURES)[..., -1].argmax(axis=1)
+    assert (scores.argmax(dim=1).numpy() == best).mean() > 0.9
+
+
+@pytest.mark.command
+def test_policies_of_earlier_versions_are_read_and_run(tmp_path):
+    ppo = pytest.importorskip("stable_baselines3", reason="needs stable-baselines3 (make rl)").PPO
+    from sim.policies.vector_env import ChoicePolicy, TeamVecEnv
+
+    # 0.4.0 had nine features of each choice, and none of people.
+    envs = TeamVecEnv([OPTIONS])
+    envs.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (CHOICES * POINT_FEATURES,), np.float32)
+    ppo(ChoicePolicy, envs, n_steps=2, batch_size=6, policy_kwargs={"choices": CHOICES, "parts": POINT_FEATURES}, seed=0).save(tmp_path / "old.zip")
+    assert np.isfinite(list(run_episodes(f"ppo:{tmp_path / 'old.zip'}", [1], OPTIONS, 5)[0].values.values())).all()
+    # An ONNX file of another version is refused in a line.
+    onnx = pytest.importorskip("onnx", reason="needs onnx (make rl)")
+    graph = onnx.load(shipped_policy())
+    onnx.helper.set_model_props(graph, {"pilsim": json.dumps(KIND | {"version": 1})})
+    onnx.save(graph, tmp_path / "one.onnx")
+    with pytest.raises(ValueError, match=r"one\.onnx: is no placement policy of version 2"):
+        policy_of(f"ppo:{tmp_path / 'one.onnx'}")
+
+
+def test_what_is_cached_with_a_map_goes_with_it():
+    calls: list[float] = []
+
+    @kept_with_map
+    def counted(place, number):
+        calls.append(number)
+        return number
+
+    first, other = (replace(map_of(MapKey("pilsun", 0.5, 0, 6))) for _ in range(2))
+    assert [counted(first, 1.0), counted(first, 1.0), counted(first, 2.0), counted(other, 1.0)] == [1.0, 1.0, 2.0, 1.0]
+    assert calls == [1.0, 2.0, 1.0]
+    gone = weakref.ref(first)
+    del first
+    assert gone() is None
 
 
 @pytest.mark.command
@@ -160,20 +274,20 @@ def test_an_interrupted_training_resumes_with_the_episodes_that_follow(tmp_path)
     import torch
 
     from sim.policies.training import _new_or_resumed, _save
-    from sim.policies.vector_env import STRIDE, TeamVecEnv, training_seed
+    from sim.policies.vector_env import TeamVecEnv, training_seed
 
-    envs = TeamVecEnv(OPTIONS, 2)
+    envs = TeamVecEnv([OPTIONS] * 2)
     model, curve = _new_or_resumed(envs, tmp_path, 1280, 7)
-    # 40 choices of 6 robots: each team has run one episode and begun its second.
-    model.learn(240)
+    # 120 choices of 6 robots: each team has run one episode and begun its second.
+    model.learn(720)
     _save(model, curve, tmp_path)
-    resumed = TeamVecEnv(OPTIONS, 2)
+    resumed = TeamVecEnv([OPTIONS] * 2)
     _new_or_resumed(resumed, tmp_path, 1280, 7)
-    assert [team.number + STRIDE for team in resumed.teams] == [team.number for team in envs.teams]
-    # A team comes through all episodes of its world.
-    for worlds, episodes in ((1, 160), (6, 20)):
-        assert len({training_seed(3 + STRIDE * k, worlds) for k in range(episodes)}) == episodes
-    assert torch.initial_seed() == 7 + 240
+    assert [team.played for team in resumed.teams] == [1, 1]
+    assert [team.played for team in envs.teams] == [2, 2]
+    # No two episodes of a training are the same.
+    assert len({training_seed(team, episode, 2) for team in range(2) for episode in range(50)}) == 100
+    assert torch.initial_seed() == 7 + 720
 
 
 @pytest.mark.soak
@@ -182,7 +296,8 @@ def test_ppo_training_is_deterministic_and_its_policy_runs(tmp_path):
     pytest.importorskip("stable_baselines3", reason="needs stable-baselines3 (make rl)")
     from sim.policies.training import train
 
-    first, again = (train({**OPTIONS}, 1280, tmp_path / name, worlds=("pilsun", "hall")) for name in ("ppo", "again"))
+    varied = {"world": ["pilsun", "hall"], "robots": [2, 3, 4]}
+    first, again = (train({**OPTIONS}, 5760, tmp_path / name, varied=varied) for name in ("ppo", "again"))
     assert (tmp_path / "ppo" / "curve.png").stat().st_size > 1000
     assert sorted(path.name for path in tmp_path.iterdir()) == ["again", "ppo"]
     assert first.read_bytes() == again.read_bytes()

@@ -12,7 +12,7 @@ from sim.placement.config import PlacementConfig
 from sim.placement.episode import reward_of
 from sim.placement.map import MapKey, map_of
 from sim.policies.policy import TeamKnowledge
-from sim.policies.waypoints import CHOICES, DISTANCES, FEATURES, UnseenMap, WaypointFeatures, choices_of
+from sim.policies.waypoints import CHOICES, DISTANCES, POINT_FEATURES, UnseenMap, WaypointFeatures, choices_of
 
 OPTIONS = {"world": "pilsun", "people": 4, "robots": 3, "map_seed": 0}
 
@@ -39,7 +39,7 @@ def test_people_are_divided_by_the_number_of_other_views():
     people = place.walkable_points[[3, 50, 90], :2]
     knowledge = replace(knowledge, position=people, velocity=np.zeros_like(people), covariance=np.tile(np.eye(2), (3, 1, 1)))
     known = features.update(knowledge)
-    assert known.shape == (3, CHOICES, FEATURES)
+    assert known.shape == (3, CHOICES, POINT_FEATURES)
     visible = place.visible_from_nodes(knowledge.config.reach)[:, [3, 50, 90]]
     np.testing.assert_allclose(known[..., :3].sum(axis=2), visible[features.goals].sum(axis=2) / 4, atol=1e-6)
     assert (known[..., 3:6].sum(axis=2) <= 1 / 4 + 1e-6).all()
@@ -65,18 +65,22 @@ def test_difference_rewards_are_what_only_one_robot_adds():
 
 def test_the_vector_environment_is_deterministic_and_truncates():
     pytest.importorskip("stable_baselines3", reason="needs stable-baselines3 (make rl)")
-    from sim.policies.vector_env import TeamVecEnv
+    from sim.policies.vector_env import TeamVecEnv, row_length
 
-    first, again = (TeamVecEnv(OPTIONS, 2) for _ in range(2))
-    np.testing.assert_array_equal(first.reset(), again.reset())
+    first, again = (TeamVecEnv([OPTIONS, OPTIONS | {"people": 2, "robots": 2}]) for _ in range(2))
+    begun = first.reset()
+    np.testing.assert_array_equal(begun, again.reset())
+    # Teams with fewer people have rows of zeros for the others.
+    assert (begun[3:, row_length(2) :] == 0).all()
+    assert begun.shape == (5, row_length(4))
     rng = np.random.default_rng(0)
-    for k in range(41):
-        choice = rng.integers(CHOICES, size=6)
+    for k in range(121):
+        choice = rng.integers(CHOICES, size=5)
         found, other = first.step(choice), again.step(choice)
         for a, b in zip(found[:3], other[:3], strict=True):
             np.testing.assert_array_equal(a, b)
-        assert found[2].all() == (k == 39)
-        assert all(info["TimeLimit.truncated"] == (k == 39) for info in found[3])
+        assert found[2].all() == (k == 119)
+        assert all(info["TimeLimit.truncated"] == (k == 119) for info in found[3])
     assert len(first.finished) == 2
     first.close()
     again.close()
