@@ -2,8 +2,8 @@
 
 Both maximize the environment's information (sim.placement.information) about predicted people. Each robot in turn chooses the goal with the most
 expected information of the team. Predictive control follows Mayne et al. 2000, Constrained model predictive control: stability and optimality.
-Only the first decision of the best path is executed, and the next decision plans anew. People are predicted along several ways, which are drawn
-by their direction of motion among the shortest paths of the map.
+Only the first decision of the best path is executed, and the next decision plans anew. Its people take several ways, which are drawn by their
+direction of motion among the shortest paths of the map. Greedy and the features of the learned policy predict straight ways.
 Features for a learned policy tell the value of each choice as predictive control counts it, and the information that it adds about each person.
 """
 
