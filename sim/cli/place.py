@@ -197,7 +197,7 @@ def _row(outcome: EpisodeResult) -> dict[str, Any]:
 def _varied(texts: tuple[str, ...]) -> dict[str, list[Any]]:
     """The options of the environment that differ between teams, with their values, from texts NAME=VALUE,VALUE."""
     from sim.placement.config import PlacementConfig
-    from tracker.detector_models.model import INDEPENDENT, chosen_model
+    from tracker.detector_models.model import chosen_model
 
     out: dict[str, list[Any]] = {}
     kinds = {field.name: type(field.default) for field in dataclasses.fields(PlacementConfig) if field.name != "action"}
@@ -211,5 +211,5 @@ def _varied(texts: tuple[str, ...]) -> dict[str, list[Any]]:
         except ValueError:
             raise ValueError(f"--train-over is {text}, needs {kind.__name__} values of {name}") from None
     if "detector_model" in out:
-        out["detector_model"] = [value if value == INDEPENDENT else chosen_model(value) for value in out["detector_model"]]
+        out["detector_model"] = [chosen_model(value) for value in out["detector_model"]]
     return out
