@@ -166,12 +166,17 @@ class Greedy:
         ends = [visible[place.roadmap.nearest(way[:, -1])] for way in ways]
         plan = TeamPlan(forecast, goals, [information_from(knowledge, way, forecast) for way in ways], [0] * len(here), [np.zeros(0)] * len(here))
         unknown = max(knowledge.config.people - len(knowledge.position), 0) * 2.0 * math.log(LOST_SIGMA / FOUND_SIGMA) / len(self._unseen.density)
+        before: list[list[int] | None] = [None] * len(here)
         for _ in range(ROUNDS):
             for k in range(len(here)):
                 others = [q for q in range(len(here)) if q != k]
+                now = [plan.chosen[q] for q in others]
+                if now == before[k]:
+                    continue
+                before[k] = now
                 value = team_values(forecast, self.frames, plan.tables[k], plan.others(k))
-                value += unknown * self._unknown_found(ends[k], [ends[q][plan.chosen[q]] for q in others])
-                gap = [goals[q][plan.chosen[q]] for q in others]
+                value += unknown * self._unknown_found(ends[k], [ends[q][c] for q, c in zip(others, now, strict=True)])
+                gap = [goals[q][c] for q, c in zip(others, now, strict=True)]
                 plan.values[k] = self._values(place, value, goals[k], place.roadmap.distance[here[k]][goals[k]], gap)
                 plan.chosen[k] = int(np.argmax(plan.values[k]))
         return plan
@@ -234,7 +239,7 @@ class ChoicePlan(Predictive):
     frames = round(2.5 * DECISION_RATE) * FRAMES_PER_DECISION
 
     def _forecast(self, knowledge: TeamKnowledge) -> PeopleAhead:
-        # Sampled ways would cost four times as much in training.
+        # Sampled ways would cost twice as much in training, and an untrained network gains nothing by them.
         return PeopleAhead.of(knowledge, self.times)
 
     def _candidates(self, place: PlacementMap, node: int, goal: int) -> NDArray[np.int64]:
@@ -267,11 +272,11 @@ class ChoiceFeatures:
         people = np.zeros((len(points), len(knowledge.position), CHOICES, PEOPLE_FEATURES), dtype=np.float32)
         value = np.stack(plan.values)[:, 1:]
         value = np.maximum(value - value.max(axis=1, keepdims=True), -LARGEST_LOSS) / NATS_SCALE
-        steps = np.diff(plan.forecast.times, prepend=0.0), self._planner.frames
+        pace = np.diff(plan.forecast.times, prepend=0.0), self._planner.frames
         for k, table in enumerate(plan.tables):
             fixed = sum(plan.others(k), np.zeros(table.shape[1:]))
             where = plan.forecast.bounds, knowledge.position, place.roadmap.nodes[self._waypoints.goals[k]]
-            _fill(people[k], where, table[1:], fixed, steps)
+            _fill(people[k], where, table[1:], fixed, pace)
         choices = np.concatenate([points, value[..., None]], axis=2, dtype=np.float32)
         if people.shape[1] > knowledge.config.people:
             best = np.argsort(-people[0, :, 0, 3], kind="stable")[: knowledge.config.people]
@@ -292,23 +297,25 @@ def _fill(out, where, table, fixed, pace):  # type: ignore[no-untyped-def]
     where: bounds (k, 4, 4), places (k, 2) m of people, and nodes (c, 2) m of the choices. table (c, T, k, 2, 2), fixed (T, k, 2, 2): information of
     a frame from the way to each choice, and from all others. pace: s before each time (T,), and number of frames.
     """
-    (bounds, feet, nodes), (steps, frames) = where, pace
-    P, times = np.empty((4, 4)), len(steps)
+    (bounds, feet, nodes), times = where, len(pace[0])
+    alone, each = np.empty(times), np.empty((len(nodes), times))
     for k in range(len(bounds)):
-        alone = 0.0
-        for c in range(-1, out.shape[1]):
-            P[:] = bounds[k]
-            now, found = nats(P), 0.0
-            for t in range(times):
-                predict_person(P, steps[t])
-                update_person(P, frames * (fixed[t, k] + table[c, t, k] if c >= 0 else fixed[t, k]))
-                found += nats(P) / times
-            if c < 0:
-                alone = found
-                continue
+        _nats_of_person(bounds[k], pace, fixed[:, k], table[:, :, k], alone, each)
+        without, now = _mean(alone), nats(bounds[k])
+        for c in range(len(nodes)):
+            found = _mean(each[c])
             out[k, c, 0], out[k, c, 1] = 1.0, found / NATS_SCALE
-            out[k, c, 2], out[k, c, 3] = (found - alone) / NATS_SCALE, now / NATS_SCALE
+            out[k, c, 2], out[k, c, 3] = (found - without) / NATS_SCALE, now / NATS_SCALE
             out[k, c, 4] = np.sqrt((nodes[c, 0] - feet[k, 0]) ** 2 + (nodes[c, 1] - feet[k, 1]) ** 2) / DISTANCE_SCALE
+
+
+@njit(cache=True)
+def _mean(values):  # type: ignore[no-untyped-def]
+    """The mean of values (T,)."""
+    out = 0.0
+    for t in range(len(values)):
+        out += values[t] / len(values)
+    return out
 
 
 def team_values(forecast: PeopleAhead, frames: int, own: Array, others: Sequence[Array]) -> Array:
@@ -317,21 +324,44 @@ def team_values(forecast: PeopleAhead, frames: int, own: Array, others: Sequence
     frames: number of frames until each time. own (n, T, k, 2, 2), others (T, k, 2, 2): of `information_from`, by this robot and
     by each other one.
     """
-    fixed = sum(others, np.zeros(own.shape[1:]))
-    return np.asarray(forecast.probability * _team_values(forecast.bounds, np.diff(forecast.times, prepend=0.0), frames, own, fixed))
+    fixed, pace = sum(others, np.zeros(own.shape[1:])), (np.diff(forecast.times, prepend=0.0), frames)
+    return np.asarray(forecast.probability * _team_values(forecast.bounds, pace, own, fixed))
 
 
 @njit(cache=True)
-def _team_values(bounds, steps, frames, own, fixed):  # type: ignore[no-untyped-def]
-    out, P = np.zeros(len(own)), np.empty((4, 4))
-    for w in range(len(own)):
-        for k in range(len(bounds)):
-            P[:] = bounds[k]
-            for t in range(len(steps)):
-                predict_person(P, steps[t])
-                update_person(P, frames * (fixed[t, k] + own[w, t, k]))
-                out[w] += nats(P) / len(steps)
+def _team_values(bounds, pace, own, fixed):  # type: ignore[no-untyped-def]
+    out, alone, each = np.zeros(len(own)), np.empty(len(pace[0])), np.empty(own.shape[:2])
+    for k in range(len(bounds)):
+        _nats_of_person(bounds[k], pace, fixed[:, k], own[:, :, k], alone, each)
+        for w in range(len(own)):
+            for t in range(own.shape[1]):
+                out[w] += each[w, t] / own.shape[1]
     return out
+
+
+@njit(cache=True)
+def _nats_of_person(bound, pace, fixed, own, alone, each):  # type: ignore[no-untyped-def]
+    """Information about a person with a bound (4, 4), nats: each (n, T) with one robot on each of its n ways, alone (T,) without it.
+
+    pace: s before each time (T,), and number of frames. fixed (T, 2, 2), own (n, T, 2, 2): information of a frame from the others and from the ways.
+    """
+    (steps, frames), P, J = pace, np.empty((4, 4)), np.empty((2, 2))
+    for w in range(-1, len(own)):
+        out, seen = alone if w < 0 else each[w], False
+        for t in range(len(steps)):
+            seen |= w >= 0 and (own[w, t, 0, 0] > 0 or own[w, t, 1, 1] > 0)
+        if w >= 0 and not seen:
+            # Nobody is seen from most ways, which saves most of the time.
+            out[:] = alone
+            continue
+        P[:] = bound
+        for t in range(len(steps)):
+            predict_person(P, steps[t])
+            for i in range(2):
+                for j in range(2):
+                    J[i, j] = frames * (fixed[t, i, j] + own[w, t, i, j] if seen else fixed[t, i, j])
+            update_person(P, J)
+            out[t] = nats(P)
 
 
 @njit(cache=True)

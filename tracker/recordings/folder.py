@@ -34,12 +34,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from tracker.geometry import Array, Ints, Mask, Pose
 from tracker.geometry.ground import Flat, Ground
 from tracker.io.atomic import new_file
 from tracker.io.csv_tables import read_terrain, rows_by_frame, write_table
+from tracker.io.image_files import encoded
 from tracker.io.json_files import JsonObject, read_json, write_json
 from tracker.io.mot15 import (
     VISIBLE_FILE,
@@ -79,6 +81,8 @@ MAX_CAMERAS = 1000
 CAMERA_NAME = r"[^\s/\\,=:]{1,100}"
 LONGEST_VECTOR = 4096
 """Most numbers of an appearance vector."""
+QUALITY = 95
+"""JPEG quality of images that are taken from a video."""
 
 
 def is_recording(path: Path) -> bool:
@@ -416,8 +420,8 @@ def write_recording(folder: Path, recording: Recording) -> None:
         _write_robots(folder, recording)
     if any(clock.stamps is not None for clock in recording.clocks.values()):
         write_times(folder / TIMES, recording.clocks)
-    for name, source in recording.images.items():
-        _copy_images(folder, name, source)
+    for name in recording.images:
+        _copy_images(folder, name, recording)
 
 
 def _without_repeated_boxes(recording: Recording) -> Recording:
@@ -485,13 +489,24 @@ def _write_robots(folder: Path, recording: Recording) -> None:
         write_table(folder / ROBOT_TRUTH, ["frame", "robot", *POSE], rows)
 
 
-def _copy_images(folder: Path, name: str, source: ImageSource) -> None:
+def _copy_images(folder: Path, name: str, recording: Recording) -> None:
+    """Copy the images of a camera. Those from the middle of a video are written as JPEG files, because a video can be cut only at key frames."""
+    source = recording.images[name]
     if isinstance(source, VideoFile) and source.first == 0:
         (folder / "video").mkdir(exist_ok=True)
         shutil.copyfile(source.path, folder / "video" / f"{name}{source.path.suffix}")
         return
-    if not isinstance(source, ImageFiles):
-        raise ValueError(f"images of {name} begin in the middle of a video, which cannot be copied; export the whole recording")
-    (folder / "images" / name).mkdir(parents=True)
-    for frame, path in source.files.items():
-        shutil.copyfile(path, folder / "images" / name / f"{frame + 1:06d}{path.suffix}")
+    own = folder / "images" / name
+    own.mkdir(parents=True)
+    if isinstance(source, ImageFiles):
+        for frame, path in source.files.items():
+            shutil.copyfile(path, own / f"{frame + 1:06d}{path.suffix}")
+        return
+    camera, ticks = recording.cameras[name].camera, recording.schedule.ticks()
+    count = max((tick.frames[name] + 1 for tick in ticks if name in tick.frames), default=0)
+    if isinstance(source, VideoFile):
+        count = min(count, source.frames())
+    for frame, image in enumerate(source.images(count, (camera.height, camera.width))):
+        if image is not None:
+            file = f"{frame + 1:06d}.jpg"
+            (own / file).write_bytes(encoded(file, image[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY]))

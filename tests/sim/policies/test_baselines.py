@@ -18,7 +18,7 @@ import pytest
 from sim.cli.options import SceneOptions
 from sim.cli.place import Place, _varied
 from sim.placement.config import PlacementConfig
-from sim.placement.information import LOST_SIGMA
+from sim.placement.information import LOST_SIGMA, nats, predict_person, update_person
 from sim.placement.map import MapKey, kept_with_map, map_of
 from sim.policies.learned import KIND, shipped_policy
 from sim.policies.planning import (
@@ -115,6 +115,23 @@ def test_information_of_a_plan_grows_with_views():
     assert (alone[seen == 0] == alone.min()).all()
     assert alone[seen == 2].min() > alone[seen == 0].max()
     assert (team_values(ahead, 3, table, [table[int(np.argmax(alone))]]) >= alone.max() - 1e-9).all()
+
+
+def test_information_of_a_plan_is_that_of_each_person_by_themself():
+    rng, times = np.random.default_rng(3), np.array([1.5, 3.0, 7.5])
+    ahead = PeopleAhead(times, np.zeros((3, 4, 2)), np.repeat(np.diag([0.5, 0.4, 0.2, 0.2])[None], 4, axis=0), 0.25)
+    root = rng.normal(size=(6, 3, 4, 2, 2))
+    # Most people are not seen from most ways, and one only late.
+    own = root @ root.swapaxes(-1, -2) * (rng.random((6, 3, 4, 1, 1)) < 0.3)
+    others = [own[0] + 0.1 * np.eye(2), own[5]]
+    expected = np.zeros(6)
+    for w, k in np.ndindex(6, 4):
+        P = ahead.bounds[k].copy()
+        for t, step in enumerate(np.diff(times, prepend=0.0)):
+            predict_person(P, step)
+            update_person(P, 9 * (own[w, t, k] + others[0][t, k] + others[1][t, k]))
+            expected[w] += 0.25 * nats(P) / 3
+    np.testing.assert_allclose(team_values(ahead, 9, own, others), expected, rtol=1e-12)
 
 
 def test_planned_robots_turn_then_drive_along_the_roadmap_and_stop_at_the_goal():

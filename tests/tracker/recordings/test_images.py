@@ -16,6 +16,7 @@ from tracker.formats.source_options import SourceOptions
 from tracker.io.video_files import VideoWriters
 from tracker.metrics.evaluation import evaluate
 from tracker.pipeline import Parameters, track
+from tracker.recordings.folder import read_recording, write_recording
 from tracker.recordings.images import VideoFile
 from tracker.sequence.results import Results
 from tracker.types import Sequence
@@ -47,6 +48,16 @@ def test_a_cut_video_begins_at_the_first_frame(data: Any, tmp_path: Path) -> Non
     first = next(iter(VideoFile(tmp_path / "View_001.mp4").cut(2, 4).images(1, (96, 128))))
     assert first is not None
     assert abs(float(first.mean()) - 100) < 4
+
+
+def test_a_recording_from_the_middle_of_a_video_is_written_with_its_images(data: Any, tmp_path: Path) -> None:
+    beside(data("pets2009/S2.L1"), "View_001", 6, tmp_path)
+    whole = read_pets(data("pets2009/S2.L1"), SourceOptions(("1",))).cut(0, 6)
+    (tmp_path / "part").mkdir()
+    write_recording(tmp_path / "part", replace(whole, images={"View_001": VideoFile(tmp_path / "View_001.mp4")}).cut(2, 5))
+    source = read_recording(tmp_path / "part").images["View_001"]
+    means = [float(image.mean()) for image in source.images(3, (576, 768)) if image is not None]
+    np.testing.assert_allclose(means, [100, 150, 200], atol=4)
 
 
 def test_a_video_of_another_size_is_scaled_to_the_camera(data: Any, tmp_path: Path) -> None:
