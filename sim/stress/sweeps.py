@@ -31,7 +31,7 @@ Value = int | float | str
 
 RECORDED = "recording"
 OWN_GOALS = "own goals"
-POLICIES = (OWN_GOALS, "random", "static", "lloyd", "greedy")
+POLICIES = (OWN_GOALS, "random", "static", "lloyd", "greedy", "predictive", "learned")
 """Policies that place the robots (sim.policies.rollouts). With "own goals", each robot tours goals of its own, as in all other sweeps."""
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sim.cameras import parse_camera
-from sim.policies.rollouts import BUILT_IN_POLICIES
+from sim.policies.rollouts import BUILT_IN_POLICIES, LEARNED
 from sim.scenario import Scenario
 from sim.stress.sweeps import (
     CAMERA_SWEEPS,
@@ -49,7 +49,7 @@ def test_a_sweep_changes_its_parameter_only() -> None:
         assert changed <= named, case.id
         assert set(case.faults.to_dict()) <= {case.parameter}
     assert {round(case.scenario.frames / case.scenario.rate, 6) for case in cases(["rate"], start)} == {10.0}
-    assert set(POLICIES) - {OWN_GOALS} <= set(BUILT_IN_POLICIES)
+    assert set(POLICIES) - {OWN_GOALS} <= {*BUILT_IN_POLICIES, LEARNED}
 
 
 def test_a_world_of_the_user_is_that_of_all_sweeps() -> None:
