@@ -16,12 +16,15 @@ from sim.policies.rollouts import MEASURES_SHOWN, TITLES, EpisodeResult, differe
 from sim.report.findings import plural
 from sim.report.page import PageMoment, PageTable, render, video
 from tracker.io.atomic import write_text
+from tracker.io.progress import progress_bar
 
 PAGE = "index.html"
 FRAMES, WIDTH, QUALITY = 120, 480, 60
 """Largest number of frames of a video, evenly spread; its width, px; quality of WebP."""
 SECONDS = 0.125
 """s: duration of a frame. The video runs four times as fast as the episode."""
+LABELS = {"hota": "HOTA", "idf1": "IDF1", "mota": "MOTA", "ate_m": "ATE m"}
+"""Measures whose label is more than their name."""
 GLOSSARY = (
     ("Information", "expected information about the place of a person, nats: 0 for somebody lost, 5 to 6 for somebody seen well."),
     ("HOTA, IDF1, MOTA", "scores of the tracker on the ground with distances of at most 1 m. Everybody counts, seen or not."),
@@ -88,15 +91,25 @@ def _measure(results: Sequence[EpisodeResult]) -> str:
 
 
 def _headline(world: str, results: Sequence[EpisodeResult]) -> str:
-    measure, found = _measure(results), table(results)
-    best = max(found, key=lambda name: found[name][measure].mean)
-    return f"In {world}, {short_name(best)} has the highest mean: {TITLES[measure].split(' [')[0]} {found[best][measure].text(3)}."
+    measure, found, less = _measure(results), table(results), differences(results)
+    ranked = sorted(found, key=lambda name: -found[name][measure].mean)
+    first = f"In {world}, {short_name(ranked[0])} has the highest mean: {TITLES[measure].split(' [')[0]} {found[ranked[0]][measure].text(3)}."
+    compared = next((name for name in ranked if measure in less.get(name, {})), None)
+    if compared is None:
+        return first
+    difference = less[compared][measure]
+    seen = "" if difference.verdict in ("higher", "lower") else f": {difference.verdict}"
+    return f"{first} {short_name(compared)} less {short_name(results[0].policy)} is {difference.text(3, signed=True)}{seen}."
+
+
+def _label(measure: str) -> str:
+    return LABELS.get(measure, measure.replace("_", " "))
 
 
 def _tables(world: str, results: Sequence[EpisodeResult]) -> Iterator[PageTable]:
     found, less = table(results), differences(results)
     shown = [measure for measure in MEASURES_SHOWN if measure in results[0].values]
-    head = ("policy", *(name.replace("_", " ") for name in shown))
+    head = ("policy", *map(_label, shown))
 
     def rows(of: Mapping[str, Mapping[str, Interval]], signed: bool) -> list[tuple[str, ...]]:
         return [(short_name(name), *(row[measure].text(3, signed=signed) for measure in shown)) for name, row in of.items()]
@@ -110,11 +123,11 @@ def _tables(world: str, results: Sequence[EpisodeResult]) -> Iterator[PageTable]
 
 def _moments(run: PlacementRun, world: str, results: Sequence[EpisodeResult]) -> Iterator[PageMoment]:
     measure = _measure(results)
-    for name in dict.fromkeys(result.policy for result in results):
+    for name in progress_bar(list(dict.fromkeys(result.policy for result in results)), desc=f"videos, {world}", unit=" policies", leave=False):
         own = sorted((result for result in results if result.policy == name), key=lambda result: result.values[measure])
         for which, result in [("best", own[-1]), ("worst", own[0])] if len(own) > 1 else [("only", own[0])]:
             heading = f"The {which} episode of {short_name(name)} in {world}"
-            values = ", ".join(f"{one.replace('_', ' ')} {result.values[one]:.3f}" for one in MEASURES_SHOWN if one in result.values)
+            values = ", ".join(f"{_label(one)} {result.values[one]:.3f}" for one in MEASURES_SHOWN if one in result.values)
             moving = video(_played(run, world, result), SECONDS, QUALITY)
             yield PageMoment(heading, f"Seed {result.seed}: {values}.", (moving,), (f"{heading}: plan view, a video",), ())
 
