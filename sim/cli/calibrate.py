@@ -22,6 +22,10 @@ if TYPE_CHECKING:
 
 UNKNOWN = 3
 """The exit code where the data do not determine all parameters, and a guess was written."""
+MOST_CLOCK = 300.0
+"""Largest value of --clock, s."""
+FAR_CLOCK = 30.0
+"""Value of --clock that is proposed where the data do not determine all parameters, s."""
 METRES = "a number of metres"
 """The value that options of lengths need, for error messages."""
 
@@ -66,6 +70,8 @@ class Calibrate:
     """Width over height of a camera's pixels. By default pixels are square, but 720 x 576 px and other sizes of PAL and NTSC count as 4:3."""
     stature: Annotated[str, arg(metavar="M|none")] = "1.72"
     """Mean stature of the people, m; none where it is not known."""
+    clock: Annotated[float, arg(metavar="S")] = 5.0
+    """Largest offset between the clocks of two cameras, s; 0 where they are synchronous. The time that the search takes grows with it."""
     principal: bool = False
     """Estimate the principal point, too."""
     k1: bool = False
@@ -100,6 +106,9 @@ class Calibrate:
         if found.problems:
             for line in found.problems:
                 print(f"not known: {line}", file=sys.stderr)
+            if len(recording.fixed) > 1 and self.clock < FAR_CLOCK:
+                apart = f"clocks were taken to be at most {self.clock:g} s apart"
+                print(f"{apart}; if they may be further apart, repeat with --clock {FAR_CLOCK:g}", file=sys.stderr)
             sys.exit(UNKNOWN)
 
     @property
@@ -121,7 +130,9 @@ class Calibrate:
         stature = None if self.stature == "none" else _positive(self.stature)
         if stature is None and self.stature != "none":
             raise ValueError(f"--stature is {self.stature!r}, needs {METRES} above 0")
-        return Known(heights, distances, stature, self.principal, self.k1, refine=self.from_ == "current")
+        if not 0 <= self.clock <= MOST_CLOCK:
+            raise ValueError(f"--clock is {self.clock:g}, needs 0 to {MOST_CLOCK:g} s")
+        return Known(heights, distances, stature, self.principal, self.k1, refine=self.from_ == "current", clock=self.clock)
 
     def _believed(self, recording: Recording) -> Recording:
         """The recording with the camera parameters that --from keeps. Raises ValueError where nothing is left to estimate."""

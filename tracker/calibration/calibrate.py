@@ -19,7 +19,7 @@ from tracker.calibration.body import CX, CY, FOCAL, HEIGHT, K1, MEAN_STATURE, OF
 from tracker.calibration.boxes import linked_boxes
 from tracker.calibration.people import MOST, observations
 from tracker.calibration.refinement import changes, moved_cameras, refine, unswapped
-from tracker.calibration.registration import CameraBoxes, Match, in_view, match, paths_of, placements, steps_of
+from tracker.calibration.registration import CameraBoxes, Match, Timeline, in_view, match, paths_of, placements
 from tracker.calibration.result import Calibration, Known
 from tracker.calibration.single_view import LEAST_BOXES, ROLL_SIGMA, STATURE, USUAL_FOCAL, USUAL_HEIGHT, SingleView, log_usual_focal, single_view
 from tracker.calibration.tracklet_pairs import CLEARLY, Evidence, Paths, evidence
@@ -47,8 +47,8 @@ ROUGH = (8, 2500)
 LATE, ROUND = 100.0, 12.0
 """s: times from a first box later than LATE, or before 0, are counted from there, less up to ROUND.
 ROUND is a multiple of registration.STEP and people.SPACING."""
-OTHER_CLOCK = 3.0
-"""s: prior standard deviation of clock offsets."""
+OTHER_CLOCK = 0.6
+"""Prior standard deviation of clock offsets, as a share of the largest."""
 PRINCIPAL, BENT = 0.02, 0.04
 """Standard deviations: of the principal point from the image centre, over the width; of the shift of corners by k1, over their distance from it."""
 Progress = Callable[..., Iterable[Any]]
@@ -85,7 +85,7 @@ class _Calibrator:
         self.begin = ROUND * np.floor(first / ROUND) if LATE < first < np.inf or first < 0 else 0.0
         for name, view in self.views.items():
             self.views[name] = replace(view, table=replace(view.table, time=view.table.time - self.begin))
-        self.steps = steps_of(self.views.values()) if self.views else 0
+        self.times = Timeline.of(self.views.values(), known.clock)
 
     def _view(self, name: str, camera: RecordingCamera) -> None:
         table = linked_boxes(camera.camera, self.recording.detections[name], self.recording.rate, self.recording.clocks.get(name))
@@ -120,7 +120,7 @@ class _Calibrator:
             self._forget_lost()
         pairs = [(a, b) for a, b in combinations(self.views, 2) if not {a, b} <= self.posed]
         shown = pairs if progress is None else progress(pairs, total=len(pairs))
-        matches = {(a, b): match(self.views[a], self.views[b], self.steps) for a, b in shown}
+        matches = {(a, b): match(self.views[a], self.views[b], self.times) for a, b in shown}
         if not self.rows:
             self._begin(matches)
         while left := [name for name in self.views if name not in self.rows]:
@@ -148,9 +148,9 @@ class _Calibrator:
         # Known heights (--height) are believed before given ones.
         of_height = np.isin(names, list(self.known.heights))[:, None] & (np.arange(11) == HEIGHT)
         free = replace(prior, mean=np.where(of_height, prior.mean, given), sigma=sigma, body=body)
-        rows, loose = moved_cameras({name: self.views[name] for name in names}, self.steps, given, free, lost)
+        rows, loose = moved_cameras({name: self.views[name] for name in names}, self.times, given, free, lost)
         for tight in (1.3, 0.8):
-            seen = observations(self.views, dict(zip(names, rows, strict=True)), self.steps, tight)
+            seen = observations(self.views, dict(zip(names, rows, strict=True)), self.times, tight)
             if len(seen.view) < LEAST_BOXES:
                 self.posed = {name for name, one in zip(names, lost.tolist(), strict=True) if not one}
                 return self._result(None, names)
@@ -217,7 +217,7 @@ class _Calibrator:
     def _join(self, left: list[str]) -> bool:
         """Add the camera that agrees best with those in the frame; False if none agrees."""
         known = Paths.joined([self._walked(name, row) for name, row in self.rows.items()])
-        candidates = [(name, row) for name in left for row in placements(known, self.views[name], self.steps)]
+        candidates = [(name, row) for name in left for row in placements(known, self.views[name], self.times)]
         found = [(gain, name, row) for name, row in candidates if (gain := self._evidence(name, row, 1.0).gain) > 0]
         while found:
             surest = sorted(found, key=lambda one: -one[0])[:TRIED]
@@ -255,13 +255,13 @@ class _Calibrator:
         """The paths that a camera sees under its parameters `row`. The last result is cached."""
         last = self.walked.get(name)
         if last is None or last[0] is not row:
-            last = self.walked[name] = row, paths_of(self.views[name], row, self.steps)
+            last = self.walked[name] = row, paths_of(self.views[name], row, self.times)
         return last[1]
 
     def _prior(self, names: list[str]) -> Prior:
         mean, sigma, lens = np.zeros((len(names), 11)), np.full((len(names), 11), np.inf), np.zeros((len(names), 11))
         sigma[:, [CX, CY, K1]] = 0.0
-        sigma[:, [FOCAL, ROLL, OFFSET]] = USUAL_FOCAL[1], ROLL_SIGMA, OTHER_CLOCK
+        sigma[:, [FOCAL, ROLL, OFFSET]] = USUAL_FOCAL[1], ROLL_SIGMA, OTHER_CLOCK * self.known.clock
         mean[:, HEIGHT], sigma[:, HEIGHT] = np.log(USUAL_HEIGHT[0]), USUAL_HEIGHT[1]
         for k, name in enumerate(names):
             camera, unknown = self.views[name].camera, self.recording.cameras[name].unknown
@@ -276,7 +276,7 @@ class _Calibrator:
                 mean[k, HEIGHT], sigma[k, HEIGHT] = np.log(self.known.heights[name]), 0.005
             if name in self.posed:
                 mean[k], sigma[k], lens[k] = self.views[name].single.row, 0.0, 0.0
-                sigma[k, OFFSET] = OTHER_CLOCK if name != min(self.posed) else 0.0
+                sigma[k, OFFSET] = OTHER_CLOCK * self.known.clock if name != min(self.posed) else 0.0
         if not self.posed & set(names):
             sigma[0, [X, Y, YAW, OFFSET]] = 0.0
         body = GLOBAL_PRIOR.copy()
@@ -293,7 +293,7 @@ class _Calibrator:
     def _adjust(self, tight: float = 1.0, rough: bool = False) -> Adjusted | None:
         """Adjust the cameras in the frame; None with too few boxes. rough: few steps with some of the boxes, before all cameras are in the frame."""
         names = list(self.rows)
-        seen = observations(self.views, self.rows, self.steps, tight, ROUGH[1] if rough else MOST)
+        seen = observations(self.views, self.rows, self.times, tight, ROUGH[1] if rough else MOST)
         if len(seen.view) < LEAST_BOXES:
             return None
         rows, rounds = np.array([self.rows[name] for name in names]), ROUGH[0] if rough else ROUNDS

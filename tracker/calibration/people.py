@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 
 from tracker.calibration.boxes import extents, smoothed
-from tracker.calibration.registration import CameraBoxes, paths_of
+from tracker.calibration.registration import CameraBoxes, Timeline, paths_of
 from tracker.calibration.single_view import thinned
 from tracker.calibration.tracklet_pairs import GroundMotion, Paths, TrackletPairs
 from tracker.geometry import Array, Ints, Mask
@@ -39,9 +39,9 @@ class Observations:
         return Observations(self.view[rows], number[self.person[rows]], self.time[rows], self.box[rows], self.sigma[rows])
 
 
-def observations(views: Mapping[str, CameraBoxes], rows: Mapping[str, Array], steps: int, tight: float = 1.0, most: int = MOST) -> Observations:
+def observations(views: Mapping[str, CameraBoxes], rows: Mapping[str, Array], times: Timeline, tight: float = 1.0, most: int = MOST) -> Observations:
     """The boxes of people under parameters `rows`. tight: factor of the errors of places within which tracklets are joined."""
-    paths = [paths_of(views[name], rows[name], steps) for name in rows]
+    paths = [paths_of(views[name], rows[name], times) for name in rows]
     joined = _joined(paths, tight)
     cameras = Counter(one for of_view in joined for one in set(of_view.tolist()))
     parts = []

@@ -16,7 +16,7 @@ from scipy.stats import chi2
 from tracker.calibration.adjustment import Adjusted, Prior, Problem, adjust
 from tracker.calibration.body import FOCAL, HEIGHT, NAMES, OFFSET, PITCH, ROLL, YAW, X, Y
 from tracker.calibration.people import Observations, observations
-from tracker.calibration.registration import CameraBoxes
+from tracker.calibration.registration import CameraBoxes, Timeline
 from tracker.calibration.single_view import single_view
 from tracker.geometry import Array, Mask
 from tracker.geometry.cameras import Camera
@@ -47,7 +47,7 @@ def unswapped(recording: Recording) -> tuple[Recording, list[str]]:
     return replace(recording, cameras=cameras), [found[0].words]
 
 
-def moved_cameras(views: Mapping[str, CameraBoxes], steps: int, rows: Array, free: Prior, lost: Mask) -> tuple[Array, Mask]:
+def moved_cameras(views: Mapping[str, CameraBoxes], times: Timeline, rows: Array, free: Prior, lost: Mask) -> tuple[Array, Mask]:
     """Parameters (cameras, 11) near the optimum, and which cameras (cameras,) have moved: at most half, beside lost ones. The rest defines the world.
 
     rows: as given. free: prior of all parameters, if they were free. lost (cameras,): cameras without a usable pose.
@@ -55,7 +55,7 @@ def moved_cameras(views: Mapping[str, CameraBoxes], steps: int, rows: Array, fre
     found, moved = rows.copy(), lost.copy()
     most = max(len(rows) // 2, 1)
     while moved.sum() < most + lost.sum() and not moved.all():
-        tests = {int(k): _found_anew(views, steps, found, _alone(free, moved, int(k)), int(k)) for k in np.flatnonzero(~moved)}
+        tests = {int(k): _found_anew(views, times, found, _alone(free, moved, int(k)), int(k)) for k in np.flatnonzero(~moved)}
         worst = max(tests, key=lambda k: tests[k][0])
         # Errors of the given calibration and of the box model make all cameras differ from the given values, so the median is the unit.
         usual = max(float(np.quantile([one[0] for one in tests.values()], 0.5, method="lower")), 1.0) if len(tests) > 2 else 1.0
@@ -83,7 +83,7 @@ def _alone(prior: Prior, moved: Mask, k: int) -> Prior:
     return replace(prior, sigma=np.where(_free(prior, moved | (np.arange(len(moved)) == k)), prior.sigma, 0.0))
 
 
-def _found_anew(views: Mapping[str, CameraBoxes], steps: int, rows: Array, prior: Prior, k: int) -> tuple[float, Array, int]:
+def _found_anew(views: Mapping[str, CameraBoxes], times: Timeline, rows: Array, prior: Prior, k: int) -> tuple[float, Array, int]:
     """Estimate camera k anew: Wald's statistic of its free parameters but the clock, over their number, all parameters (cameras, 11), and the number.
 
     Without boxes of people the statistic is 0.
@@ -95,7 +95,7 @@ def _found_anew(views: Mapping[str, CameraBoxes], steps: int, rows: Array, prior
         tried = rows.copy()
         tried[k] = start
         for tight in TIGHTER:
-            seen = observations(views, dict(zip(names, tried, strict=True)), steps, tight, MOST)
+            seen = observations(views, dict(zip(names, tried, strict=True)), times, tight, MOST)
             if not len(seen.view):
                 return 0.0, rows, 1
             adjusted = adjust(cameras, seen, tried, prior, FEW_ROUNDS, integrated=False)

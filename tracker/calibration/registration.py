@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,10 +21,6 @@ from tracker.calibration.tracklet_pairs import ERROR, MOST, STEP, Evidence, Grou
 from tracker.geometry import Array, Mask
 from tracker.geometry.cameras import Camera
 
-MOST_OFFSET = 5.0
-"""s: largest offset between two clocks."""
-EARLIER = 2 * MOST_OFFSET
-"""s before time 0 at which paths begin, as clocks may be late."""
 SMOOTH = 0.5
 """s over which places are averaged."""
 LEAST_TIME, LEAST_WAY, LONGEST = 1.5, 1.0, 80
@@ -33,6 +30,26 @@ PAIRS, TRIED, KEPT, REFINED = 60, 300, 10, 6
 FARTHEST = 60.0
 """m: places beyond are not used."""
 FOOT = 0.15
+
+
+class Timeline(NamedTuple):
+    """Common times of all paths, every STEP s. offset: largest offset between two clocks, s. steps: their number.
+
+    They begin `earlier` s before time 0 and end as long after the last box, as clocks may be late or early.
+    """
+
+    offset: float
+    steps: int
+
+    @staticmethod
+    def of(views: Iterable[CameraBoxes], offset: float) -> Timeline:
+        """The timeline of all boxes."""
+        last = max((view.table.time.max(initial=0.0) for view in views), default=0.0)
+        return Timeline(offset, int((last + 4 * offset) / STEP) + 2)
+
+    @property
+    def earlier(self) -> float:
+        return 2 * self.offset
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,21 +86,16 @@ class Match:
         return evidence(self.known, self.own.placed(self.motion))
 
 
-def steps_of(views: Iterable[CameraBoxes]) -> int:
-    """Number of steps from EARLIER s before time 0 to EARLIER s after the last box."""
-    return int((max(view.table.time.max(initial=0.0) for view in views) + 2 * EARLIER) / STEP) + 2
-
-
-def paths_of(view: CameraBoxes, row: Array, steps: int) -> Paths:
-    """The tracklets of a camera under its parameters `row`, every STEP s from EARLIER s before time 0."""
-    place, t = view.places(row), view.table
+def paths_of(view: CameraBoxes, row: Array, times: Timeline) -> Paths:
+    """The tracklets of a camera under its parameters `row`."""
+    place, t, steps = view.places(row), view.table, times.steps
     own = place - row[[X, Y]]
     used = np.flatnonzero(t.whole & (np.hypot(*own.T) < FARTHEST))
     order = used[np.lexsort([t.time[used], t.track[used]])]
     smooth = np.empty(place.shape)
     smooth[used] = smoothed(t.select(used), place[used], SMOOTH)
     bounds = np.flatnonzero(np.diff(t.track[order], prepend=-1, append=-1))
-    clock = t.time + row[OFFSET] + EARLIER
+    clock = t.time + row[OFFSET] + times.earlier
     z, here, away, track = [], [], [], []
     for first, end in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
         rows = order[first:end]
@@ -153,34 +165,37 @@ def in_view(view: CameraBoxes, row: Array, other: Paths) -> int:
     return int(visible(view, row, other.points).sum())
 
 
-def likeliest(known: Paths, own: Paths) -> list[tuple[float, float, GroundMotion]]:
-    """The likeliest motions of a camera's paths onto known paths: log-likelihood ratio, common steps of the pairs, motion."""
+def likeliest(known: Paths, own: Paths, offset: float) -> list[tuple[float, float, GroundMotion]]:
+    """The likeliest motions of a camera's paths onto known paths: log-likelihood ratio, common steps of the pairs, motion.
+
+    offset: the largest between their clocks, s.
+    """
     walkers, pairs = TrackletPairs(_walkers(known), _walkers(own)), TrackletPairs(known.longest(MOST), own.longest(MOST))
-    found = sorted(guesses(walkers, round(MOST_OFFSET / STEP)), key=lambda motion: -walkers.bound(motion))[:KEPT]
+    found = sorted(guesses(walkers, round(offset / STEP)), key=lambda motion: -walkers.bound(motion))[:KEPT]
     return [(*pairs.likelihood(motion), motion) for motion in found]
 
 
-def match(a: CameraBoxes, b: CameraBoxes, steps: int) -> list[Match]:
+def match(a: CameraBoxes, b: CameraBoxes, times: Timeline) -> list[Match]:
     """The likeliest ways in which camera b stands in the frame of camera a; the best first.
 
     An uncertain focal length stretches the ground plane, so all pairs of the likely ones are tried.
     """
-    sides = [[(row, loss, paths_of(view, row, steps)) for row, loss in view.single.tried] for view in (a, b)]
+    sides = [[(row, loss, paths_of(view, row, times)) for row, loss in view.single.tried] for view in (a, b)]
     out = []
     for (row, loss, known), (other, its_loss, own) in product(*sides):
-        for ratio, common, motion in likeliest(known, own):
+        for ratio, common, motion in likeliest(known, own, times.offset):
             share = min(common / max(in_view(a, row, own.placed(motion)), 1), 1.0)
             value = (ratio - loss - its_loss) * float(np.sqrt(share))
             out.append(Match((row, _placed(other, motion)), value, known, own, motion))
     return _distinct(out)
 
 
-def placements(known: Paths, view: CameraBoxes, steps: int) -> list[Array]:
+def placements(known: Paths, view: CameraBoxes, times: Timeline) -> list[Array]:
     """The likeliest parameters (11,) of a camera in whose view people walk the known paths."""
     out = []
     for row, loss in view.single.tried:
-        own = paths_of(view, row, steps)
-        out += [Match((row, _placed(row, motion)), ratio - loss, known, own, motion) for ratio, _, motion in likeliest(known, own)]
+        own = paths_of(view, row, times)
+        out += [Match((row, _placed(row, motion)), ratio - loss, known, own, motion) for ratio, _, motion in likeliest(known, own, times.offset)]
     return [one.rows[1] for one in _distinct(out)]
 
 

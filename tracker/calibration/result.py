@@ -16,13 +16,16 @@ from tracker.geometry.ground import Flat
 from tracker.recordings import Recording, RecordingCamera
 from tracker.recordings.clock_offsets import with_offsets
 
+MOST_OFFSET = 5.0
+"""Largest offset between the clocks of two cameras, unless another is known, s."""
+
 
 @dataclass(frozen=True)
 class Known:
     """Prior knowledge beside the boxes. heights: camera → m above the ground. distances: two cameras → m.
 
     stature: mean of people, m; None where it is not known. principal, k1: whether to estimate the principal point, and k1, too.
-    refine: whether cameras with a given pose may have moved.
+    refine: whether cameras with a given pose may have moved. clock: largest offset between the clocks of two cameras, s.
     """
 
     heights: Mapping[str, float] = field(default_factory=dict)
@@ -31,6 +34,7 @@ class Known:
     principal: bool = False
     k1: bool = False
     refine: bool = False
+    clock: float = MOST_OFFSET
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,6 +32,8 @@ LEAST_AREA = 4.0
 """m²: least area in which two people are independent."""
 MOST = 400
 """Most tracklets of a camera by which motions are judged, those with the most steps, as memory grows with the number of pairs."""
+CACHED = 64
+"""Most offsets whose moments are cached, 0.6 MB each."""
 SHIFTS = (0.29, 0.53, 0.71)
 """Shifts of time, as shares of the duration, by which the evidence that arises by chance is estimated."""
 CLEARLY, LEAST_GAIN = 2.0, 10.0
@@ -176,7 +178,8 @@ class TrackletPairs:
 
     def moments(self, steps: int) -> Moments:
         """The moments after the second camera's time is moved on by `steps`."""
-        if steps not in self._moments:
+        found = self._moments.get(steps)
+        if found is None:
             a, mask, b, late = self.a.z, self.a.here, moved(self.b.z, steps), moved(self.b.here, steps)
             number = mask @ late.T
             n = np.maximum(number, 1.0)
@@ -191,8 +194,10 @@ class TrackletPairs:
             constant = np.maximum(independent - 1.0, 0.0) * np.log(alone / jitter) - np.log(2 * np.pi * error) - self._other
             constant[number < LEAST_STEPS] = -np.inf
             of_varies = independent * (1 / jitter - 1 / alone) / 2
-            self._moments[steps] = Moments(number, mean_a, mean_b, spread_a, spread_b, cross, constant, 1 / (2 * error), of_varies)
-        return self._moments[steps]
+            found = Moments(number, mean_a, mean_b, spread_a, spread_b, cross, constant, 1 / (2 * error), of_varies)
+            if len(self._moments) < CACHED:
+                self._moments[steps] = found
+        return found
 
     def log_ratio(self, motion: GroundMotion) -> Array:
         """Log-likelihood ratio (tracklets, tracklets) of one person against two; −inf with fewer than LEAST_STEPS common steps."""

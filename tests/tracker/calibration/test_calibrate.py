@@ -59,6 +59,7 @@ def test_what_is_not_known_is_told_and_the_guess_stands_beside(tmp_path: Path) -
     done = pilsim("calibrate", "still", "--out", "new", "--page", "page.html", cwd=tmp_path)
     assert done.returncode == 3
     assert "not known: C" in done.stderr
+    assert done.stderr.endswith("if they may be further apart, repeat with --clock 30\n")
     assert "The data do not say enough" in (tmp_path / "page.html").read_text()
     assert not (tmp_path / "new").exists()
     assert (tmp_path / "new.guess" / "recording.json").is_file()
@@ -73,7 +74,7 @@ def test_late_times_are_counted_from_the_first_box() -> None:
     room = walked_room(frames=40).choose(["C1", "C2"])
     late_room = _Calibrator(with_offsets(room, dict.fromkeys(room.cameras, 3600.0)), Known())
     start = _Calibrator(room, Known())
-    assert (late_room.steps, late_room.begin, start.begin) == (start.steps, 3600.0, 0.0)
+    assert (late_room.times, late_room.begin, start.begin) == (start.times, 3600.0, 0.0)
     np.testing.assert_allclose(late_room.views["C1"].table.time, start.views["C1"].table.time, atol=1e-9)
 
 
@@ -158,6 +159,16 @@ def test_four_cameras_from_nothing(lens: Pinhole) -> None:
     assert np.abs(tilt_errors(found, room)).max() < 0.5
     assert place_errors(found, room).max() < 0.02 * 6.0
     assert abs(found.offsets["C2"] - 0.5) < 0.05
+
+
+@pytest.mark.soak
+def test_clocks_that_are_far_apart_are_searched_on_request() -> None:
+    room = late(walked_room(frames=240), "C2", 60).choose(["C1", "C2", "C3"])
+    assert calibrate(blind(room)).problems
+    found = calibrate(blind(room), Known(clock=20.0))
+    assert not found.problems
+    assert abs(found.offsets["C2"] - 15.0) < 0.05
+    assert place_errors(found, room).max() < 0.03 * 6.0
 
 
 @pytest.mark.soak
